@@ -1,0 +1,4 @@
+//! Recipe, plan, solvers and bake of the nacre light walk.
+
+pub mod transport;
+pub mod walk;

@@ -1,0 +1,3 @@
+//! The `bake-brdf` tool.
+
+fn main() {}

@@ -1,0 +1,3 @@
+//! The `lut` tool.
+
+fn main() {}

@@ -1,0 +1,3 @@
+//! The `pearl` tool.
+
+fn main() {}

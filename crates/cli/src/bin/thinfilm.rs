@@ -1,0 +1,3 @@
+//! The `thinfilm` tool.
+
+fn main() {}

@@ -1,0 +1,248 @@
+//! Exit-angle axes that follow a lobe: cells are narrow around the mirror direction and widen away from it.
+//!
+//! One coordinate is x = c ± w·sinh(t·asinh(r/w)), t ∈ [0, 1], on each side of a centre c, with r the room on
+//! that side: equal steps in t are steps of about w·t near the centre and of constant *relative* size far
+//! from it, so one axis serves lobes from 0.01° to 60° wide. Both sides have the same number of cells.
+//! Rows at different incidences line up at the same cell index: the centre, the horizon and everything
+//! between, which is what makes interpolation between rows follow the lobe.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Largest stretch width w, radians: wider lobes need no refinement.
+pub const MAX_WIDTH: f64 = PI / 6.0;
+/// Smallest stretch width w, radians.
+pub const MIN_WIDTH: f64 = 1e-7;
+
+/// A stretched interval: `cells` cells between `lo` and `hi`, finest around `centre`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stretched {
+    /// Lower end, radians.
+    pub lo: f64,
+    /// Where cells are finest, lo ≤ centre < hi (centre = lo makes a one-sided axis).
+    pub centre: f64,
+    /// Upper end, radians.
+    pub hi: f64,
+    /// Stretch width w > 0, radians.
+    pub width: f64,
+    /// Number of cells; even for a two-sided axis.
+    pub cells: usize,
+}
+
+impl Stretched {
+    fn one_sided(&self) -> bool {
+        self.centre <= self.lo
+    }
+
+    /// Position of x in units of cells, 0 at `lo` and `cells` at `hi`; x is clamped to the interval.
+    #[must_use]
+    pub fn position(&self, x: f64) -> f64 {
+        let x = x.clamp(self.lo, self.hi);
+        let cells = self.cells as f64;
+        let side = |offset: f64, room: f64| (offset / self.width).asinh() / (room / self.width).asinh();
+        if self.one_sided() {
+            return cells * side(x - self.lo, self.hi - self.lo);
+        }
+        let half = 0.5 * cells;
+        if x >= self.centre {
+            half * (1.0 + side(x - self.centre, self.hi - self.centre))
+        } else {
+            half * (1.0 - side(self.centre - x, self.centre - self.lo))
+        }
+    }
+
+    /// The coordinate at a position in units of cells; inverse of [`Self::position`].
+    #[must_use]
+    pub fn at(&self, position: f64) -> f64 {
+        let cells = self.cells as f64;
+        let side = |t: f64, room: f64| self.width * (t * (room / self.width).asinh()).sinh();
+        if self.one_sided() {
+            return (self.lo + side(position / cells, self.hi - self.lo)).clamp(self.lo, self.hi);
+        }
+        let t = position / (0.5 * cells) - 1.0;
+        let x = if t >= 0.0 {
+            self.centre + side(t, self.hi - self.centre)
+        } else {
+            self.centre - side(-t, self.centre - self.lo)
+        };
+        x.clamp(self.lo, self.hi)
+    }
+
+    /// dx/dposition at a position in units of cells.
+    #[must_use]
+    pub fn slope(&self, position: f64) -> f64 {
+        let cells = self.cells as f64;
+        let side = |t: f64, room: f64| {
+            let range = (room / self.width).asinh();
+            self.width * range * (t * range).cosh()
+        };
+        if self.one_sided() {
+            return side(position / cells, self.hi - self.lo) / cells;
+        }
+        let t = position / (0.5 * cells) - 1.0;
+        let room = if t >= 0.0 { self.hi - self.centre } else { self.centre - self.lo };
+        side(t.abs(), room) / (0.5 * cells)
+    }
+
+    /// The `cells + 1` cell edges, ascending, the ends exact.
+    #[must_use]
+    pub fn edges(&self) -> Vec<f64> {
+        let mut edges: Vec<f64> = (0..=self.cells).map(|i| self.at(i as f64)).collect();
+        edges[0] = self.lo;
+        edges[self.cells] = self.hi;
+        edges
+    }
+
+    /// The coordinate of each cell's centre (half-way in position, not in angle).
+    #[must_use]
+    pub fn centres(&self) -> Vec<f64> {
+        (0..self.cells).map(|i| self.at(i as f64 + 0.5)).collect()
+    }
+}
+
+/// The exit cells of a table: which directions the cells of the row at θi cover.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub enum ExitAxis {
+    /// Decay tables: one image row per θi, columns over the signed exit angle s ∈ (−90°, 90°).
+    Plane {
+        /// Number of cells (columns), even.
+        cells: usize,
+        /// Stretch width w, radians.
+        width: f64,
+    },
+    /// Walk tables: `phi_cells` image rows per θi (φ ascending from 0 to 180°), columns over θo ∈ [0°, 90°].
+    Space {
+        /// Number of θo cells (columns), even.
+        theta_cells: usize,
+        /// Number of φ cells (image rows per incidence).
+        phi_cells: usize,
+        /// Stretch width w, radians.
+        width: f64,
+    },
+}
+
+impl ExitAxis {
+    /// Stretch width w, radians.
+    #[must_use]
+    pub const fn width(&self) -> f64 {
+        match self {
+            Self::Plane { width, .. } | Self::Space { width, .. } => *width,
+        }
+    }
+
+    /// Number of image columns.
+    #[must_use]
+    pub const fn columns(&self) -> usize {
+        match self {
+            Self::Plane { cells, .. } => *cells,
+            Self::Space { theta_cells, .. } => *theta_cells,
+        }
+    }
+
+    /// Number of image rows per incidence.
+    #[must_use]
+    pub const fn rows_per_incidence(&self) -> usize {
+        match self {
+            Self::Plane { .. } => 1,
+            Self::Space { phi_cells, .. } => *phi_cells,
+        }
+    }
+
+    /// Cells per incidence.
+    #[must_use]
+    pub const fn cells(&self) -> usize {
+        self.columns() * self.rows_per_incidence()
+    }
+
+    /// The column axis of the row at incidence `theta_i` (radians): signed s in the plane, θo in space.
+    #[must_use]
+    pub fn columns_at(&self, theta_i: f64) -> Stretched {
+        match *self {
+            Self::Plane { cells, width } => Stretched {
+                lo: -FRAC_PI_2,
+                centre: theta_i.min(FRAC_PI_2 - width),
+                hi: FRAC_PI_2,
+                width,
+                cells,
+            },
+            Self::Space { theta_cells, width, .. } => Stretched {
+                lo: 0.0,
+                centre: theta_i.clamp(width, FRAC_PI_2 - width),
+                hi: FRAC_PI_2,
+                width,
+                cells: theta_cells,
+            },
+        }
+    }
+
+    /// The φ axis at incidence `theta_i` (radians), one-sided over [0, π]; `None` for plane tables.
+    ///
+    /// Its width is w / sin(centre): the same arc on the sphere as the column axis.
+    #[must_use]
+    pub fn phi_at(&self, theta_i: f64) -> Option<Stretched> {
+        match *self {
+            Self::Plane { .. } => None,
+            Self::Space { phi_cells, width, .. } => {
+                let centre = self.columns_at(theta_i).centre;
+                Some(Stretched { lo: 0.0, centre: 0.0, hi: PI, width: width / centre.sin(), cells: phi_cells })
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axes() -> Vec<Stretched> {
+        let mut axes = Vec::new();
+        for width in [1e-7, 1e-4, 0.07, MAX_WIDTH] {
+            for theta_i in [0.0, 1e-9, 0.5, 1.2, 1.5707, FRAC_PI_2] {
+                axes.push(ExitAxis::Plane { cells: 96, width }.columns_at(theta_i));
+                let space = ExitAxis::Space { theta_cells: 64, phi_cells: 24, width };
+                axes.push(space.columns_at(theta_i));
+                axes.push(space.phi_at(theta_i).unwrap());
+            }
+        }
+        axes
+    }
+
+    #[test]
+    fn edges_ascend_strictly_and_reach_both_ends() {
+        for axis in axes() {
+            let edges = axis.edges();
+            assert!(edges.windows(2).all(|e| e[0] < e[1]), "{axis:?}");
+            assert_eq!((edges[0], edges[axis.cells]), (axis.lo, axis.hi));
+        }
+    }
+
+    #[test]
+    fn position_and_coordinate_are_inverses() {
+        for axis in axes() {
+            for i in 0..=4 * axis.cells {
+                let position = 0.25 * i as f64;
+                let back = axis.position(axis.at(position));
+                // Near the centre x = c + δ loses δ's last digits to the rounding of c.
+                let lost = 1e-14 / axis.slope(position);
+                assert!((back - position).abs() < 1e-9 + lost, "{axis:?} {position} {back}");
+            }
+        }
+    }
+
+    #[test]
+    fn slope_is_the_derivative() {
+        let axis = ExitAxis::Plane { cells: 96, width: 0.07 }.columns_at(0.8);
+        for position in [3.3, 47.2, 60.9, 90.1] {
+            let difference = (axis.at(position + 1e-5) - axis.at(position - 1e-5)) / 2e-5;
+            assert!((difference / axis.slope(position) - 1.0).abs() < 1e-8);
+        }
+    }
+
+    #[test]
+    fn the_axis_at_normal_incidence_is_symmetric() {
+        let centres = ExitAxis::Plane { cells: 96, width: 0.07 }.columns_at(0.0).centres();
+        for (a, b) in centres.iter().zip(centres.iter().rev()) {
+            assert!((a + b).abs() < 1e-15);
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! How the tools behave in a terminal: exit codes, one-line errors, quiet broken pipes.
+//!
+//! Exit codes (the same for every tool): 0 ok, 1 runtime failure (I/O, disk full), 2 wrong usage or bad
+//! input, 3 a check was run and failed. Results go to stdout, everything else to stderr.
+
+#![allow(clippy::print_stderr, clippy::print_stdout)] // this crate is the terminal
+
+use std::io::Write as _;
+use std::process::ExitCode;
+
+/// Why a tool stops without its result; the variant decides the exit code.
+#[derive(Debug)]
+pub enum Stop {
+    /// Wrong usage or a bad input file: exit 2. The text is one line.
+    BadInput(String),
+    /// Input/output or another runtime failure: exit 1. The text is one line.
+    Failure(String),
+    /// A check was run and failed: exit 3. The text is one line.
+    CheckFailed(String),
+    /// The reader of our stdout went away (`| head -1`): exit 0, silently.
+    BrokenPipe,
+}
+
+/// What every tool's main function returns.
+pub type Outcome = Result<(), Stop>;
+
+impl Stop {
+    /// Wrong usage or bad input, exit 2.
+    pub fn bad_input(why: impl std::fmt::Display) -> Self {
+        Self::BadInput(why.to_string())
+    }
+
+    /// Runtime failure, exit 1.
+    pub fn failure(why: impl std::fmt::Display) -> Self {
+        Self::Failure(why.to_string())
+    }
+
+    /// A check was run and failed, exit 3.
+    pub fn check_failed(why: impl std::fmt::Display) -> Self {
+        Self::CheckFailed(why.to_string())
+    }
+}
+
+impl From<std::io::Error> for Stop {
+    fn from(error: std::io::Error) -> Self {
+        if error.kind() == std::io::ErrorKind::BrokenPipe {
+            Self::BrokenPipe
+        } else {
+            Self::failure(error)
+        }
+    }
+}
+
+/// Writes a text to stdout and flushes it; a closed pipe becomes [`Stop::BrokenPipe`].
+///
+/// # Errors
+/// Any other failure to write is [`Stop::Failure`].
+pub fn print(text: &str) -> Outcome {
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes())?;
+    out.flush()?;
+    Ok(())
+}
+
+/// Writes one JSON value and a newline to stdout.
+///
+/// # Errors
+/// As [`print()`].
+pub fn print_json(value: &serde_json::Value) -> Outcome {
+    print(&format!("{value:#}\n"))
+}
+
+/// Runs a tool: parses the command line with clap, calls `run`, maps the outcome to the exit code.
+///
+/// clap's own usage errors are folded into one line and exit 2; `--help` and `--version` exit 0.
+pub fn main<Args: clap::Parser>(run: impl FnOnce(Args) -> Outcome) -> ExitCode {
+    let tool = Args::command().get_name().to_owned();
+    let args = match Args::try_parse() {
+        Ok(args) => args,
+        Err(error) if !error.use_stderr() => {
+            return finish(&tool, print(&error.render().to_string()));
+        }
+        Err(error) => {
+            let line = one_line(&error.render().to_string());
+            let line = line.strip_prefix("error: ").unwrap_or(&line).to_owned();
+            return finish(&tool, Err(Stop::BadInput(line)));
+        }
+    };
+    finish(&tool, run(args))
+}
+
+fn finish(tool: &str, outcome: Outcome) -> ExitCode {
+    let (code, why) = match outcome {
+        Ok(()) | Err(Stop::BrokenPipe) => return ExitCode::SUCCESS,
+        Err(Stop::Failure(why)) => (1, why),
+        Err(Stop::BadInput(why)) => (2, why),
+        Err(Stop::CheckFailed(why)) => (3, why),
+    };
+    // Nobody is left to tell when stderr is closed too.
+    let _ = writeln!(std::io::stderr(), "{tool}: {}", one_line(&why));
+    ExitCode::from(code)
+}
+
+/// Folds a message into one line: paragraphs after the first blank line (clap's usage hint) are dropped,
+/// other line breaks become spaces, control characters are escaped.
+#[must_use]
+pub fn one_line(text: &str) -> String {
+    let head = text.split("\n\n").next().unwrap_or_default();
+    let words: Vec<&str> = head.split_whitespace().collect();
+    words.join(" ").chars().flat_map(|c| if c.is_control() { c.escape_default().collect() } else { vec![c] }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_of_many_lines_becomes_one() {
+        assert_eq!(one_line("error: a\n  b\n\nUsage: x"), "error: a b");
+    }
+
+    #[test]
+    fn a_control_character_cannot_forge_a_second_line() {
+        assert_eq!(one_line("bad \u{1b}[2J key"), "bad \\u{1b}[2J key");
+    }
+
+    #[test]
+    fn a_broken_pipe_is_not_a_failure() {
+        let error = std::io::Error::from(std::io::ErrorKind::BrokenPipe);
+        assert!(matches!(Stop::from(error), Stop::BrokenPipe));
+    }
+}

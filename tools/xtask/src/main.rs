@@ -1,0 +1,3 @@
+//! Automation: the same commands locally and in CI.
+
+fn main() {}
