@@ -1,5 +1,6 @@
 //! Recipe, plan, solvers and bake of the nacre light walk.
 
+pub mod bake;
 pub mod recipe;
 pub mod tally;
 pub mod transport;
