@@ -7,7 +7,7 @@
 use crate::transport::Geometry;
 use crate::walk::{Exit, Fate};
 use lut_io::axis::{ExitAxis, Stretched};
-use lut_io::table::{IncidenceSummary, SummaryErrors};
+use lut_io::table::{Component, IncidenceSummary, SummaryErrors};
 use serde::{Deserialize, Serialize};
 
 /// Paths whose sums are rounded together.
@@ -357,7 +357,7 @@ impl Tally {
         let mut shares = CellShares::default();
         for cell in 0..count {
             let mut share = Share::default();
-            for &part in component.parts() {
+            for &part in parts(component) {
                 share.add(&self.cells[part * count + cell]);
             }
             let (mean, error) = share.mean(self.paths);
@@ -379,24 +379,11 @@ fn mean_deviation(count: f64) -> f64 {
     (count * std::f64::consts::FRAC_2_PI).sqrt() * (1.0 + 14.9 * (-2.77 * count).exp())
 }
 
-/// A part of the light that leaves the top.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Component {
-    /// Entered the stack and came back.
-    Interior,
-    /// Reflected by interface 0 alone.
-    Surface,
-    /// The part of `Surface` that met interface 0 more than once.
-    Rehit,
-}
-
-impl Component {
-    const fn parts(self) -> &'static [usize] {
-        match self {
-            Self::Interior => &[INTERIOR],
-            Self::Surface => &[SINGLE, REHIT],
-            Self::Rehit => &[REHIT],
-        }
+const fn parts(component: Component) -> &'static [usize] {
+    match component {
+        Component::Interior => &[INTERIOR],
+        Component::Surface => &[SINGLE, REHIT],
+        Component::Rehit => &[REHIT],
     }
 }
 

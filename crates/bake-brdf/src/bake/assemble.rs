@@ -3,12 +3,12 @@
 use super::{Request, Target};
 use crate::bake::sampling::Sampling;
 use crate::recipe::Recipe;
-use crate::tally::{CellShares, Component, Tally};
+use crate::tally::{CellShares, Tally};
 use crate::transport::{Normals, Transport};
 use lut_io::axis::ExitAxis;
 use lut_io::measure;
 use lut_io::table::{
-    Accuracy, AzimuthMode, IncidenceSummary, Lobe, Meta, SCHEMA, Solver, SurfaceModel, Table,
+    Accuracy, AzimuthMode, Component, IncidenceSummary, Lobe, Meta, SCHEMA, Solver, SurfaceModel, Table,
 };
 
 /// The table of a finished walk.
