@@ -184,7 +184,13 @@ impl ExitAxis {
             Self::Plane { .. } => None,
             Self::Space { phi_cells, width, .. } => {
                 let centre = self.columns_at(theta_i).centre;
-                Some(Stretched { lo: 0.0, centre: 0.0, hi: PI, width: width / centre.sin(), cells: phi_cells })
+                Some(Stretched {
+                    lo: 0.0,
+                    centre: 0.0,
+                    hi: PI,
+                    width: width / centre.sin(),
+                    cells: phi_cells,
+                })
             }
         }
     }

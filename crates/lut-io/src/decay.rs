@@ -91,7 +91,8 @@ mod tests {
         for x in [0.0, 1e-12, 1e-6, 0.01, 0.0999, 0.1001, 1.0, 17.0, 300.0, 699.0, 701.0, 5e3] {
             let n = 20_000;
             let mean =
-                (0..n).map(|i| decay(x, (PI * (f64::from(i) + 0.5) / f64::from(n)).cos())).sum::<f64>() / f64::from(n);
+                (0..n).map(|i| decay(x, (PI * (f64::from(i) + 0.5) / f64::from(n)).cos())).sum::<f64>()
+                    / f64::from(n);
             assert!((mean_decay(x) / mean - 1.0).abs() < 1e-9, "{x}: {} {mean}", mean_decay(x));
         }
     }
