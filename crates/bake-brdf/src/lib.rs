@@ -1,4 +1,7 @@
 //! Recipe, plan, solvers and bake of the nacre light walk.
 
+pub mod bake;
+pub mod recipe;
+pub mod tally;
 pub mod transport;
 pub mod walk;

@@ -1,0 +1,196 @@
+//! Random numbers of a path: its generator, and facet tilts drawn from it.
+//!
+//! Two 32-bit words make one event of a space walk, three make two events of a plane walk: see [`Pair`].
+
+use super::real::Real;
+
+/// The state of xoshiro128+ (Blackman & Vigna 2021), one per path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Generator {
+    pub(crate) state: [u32; 4],
+}
+
+/// The finaliser of SplitMix64 (Stafford's mix 13): a bijection in which every input bit flips every output bit
+/// with probability one half.
+fn mix(mut z: u64) -> u64 {
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// 2⁶⁴ divided by the golden ratio, odd: successive multiples are spread evenly.
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// What all paths of one incidence share: a hash of (seed, θi).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Stream {
+    key: [u64; 2],
+}
+
+impl Stream {
+    /// The stream of one seed and incidence (radians; its exact bits count).
+    pub(crate) fn new(seed: u64, theta_i: f64) -> Self {
+        let incidence = mix((theta_i + 0.0).to_bits().wrapping_add(GOLDEN));
+        let first = mix(mix(seed.wrapping_add(GOLDEN)) ^ incidence);
+        Self { key: [first, mix(first.wrapping_add(GOLDEN))] }
+    }
+
+    /// The generator of path number `path`, and 32 bits beside it for its absorption budget.
+    #[inline(always)]
+    pub(crate) fn path(&self, path: u64) -> (Generator, u32) {
+        let counter = mix(path.wrapping_mul(GOLDEN).wrapping_add(self.key[0]));
+        let low = mix(counter ^ self.key[1]);
+        let high = mix(low.wrapping_add(GOLDEN).wrapping_add(counter));
+        let state = [low as u32, (low >> 32) as u32, high as u32, (high >> 32) as u32 | 1];
+        (Generator { state }, (counter >> 32) as u32)
+    }
+}
+
+impl Generator {
+    /// The next 32 bits.
+    #[inline(always)]
+    pub(crate) fn next(&mut self) -> u32 {
+        let [s0, s1, s2, s3] = self.state;
+        let result = s0.wrapping_add(s3);
+        let (s2, s3) = (s2 ^ s0, s3 ^ s1);
+        let (s1, s0) = (s1 ^ s2, s0 ^ s3);
+        self.state = [s0, s1, s2 ^ (self.state[1] << 9), s3.rotate_left(11)];
+        result
+    }
+}
+
+/// |w + ½| of a word read as a signed integer: uniform on (0, 2³¹], with a resolution of one unit near zero, so that
+/// neither a small reflectance nor the tail of the tilts is cut off by the 24 bits of an f32.
+#[inline(always)]
+pub(crate) fn centred(word: u32) -> f32 {
+    (word as i32) as f32 + 0.5
+}
+
+/// ln(1 + m) / m on √½ ≤ 1 + m ≤ √2, minimax, |error of ln| < 4·10⁻⁸.
+const LOG: [f64; 8] = [
+    9.999998139e-01,
+    -5.000066740e-01,
+    3.333618202e-01,
+    -2.495934384e-01,
+    1.987304644e-01,
+    -1.733346515e-01,
+    1.641998973e-01,
+    -1.010223681e-01,
+];
+/// sin(πt/2)/t in t² on |t| ≤ 1, minimax, |error| < 6·10⁻⁷.
+const SIN: [f32; 4] = [1.570_791_011_1, -0.645_892_849_55, 0.079_434_344_612, -0.004_333_095_289_8];
+/// cos(πt/2) in t² on |t| ≤ 1, minimax, |error| < 5·10⁻⁸.
+const COS: [f32; 5] =
+    [0.999_999_995_35, -1.233_698_214_7, 0.253_650_744_64, -0.020_810_627_519, 0.000_858_190_619_53];
+
+/// Two independent normal deviates from two words (Box & Muller 1958), by polynomials.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Normal {
+    /// −2σ² ln 2.
+    octave: f32,
+    /// −2σ² times [`LOG`].
+    log: [f32; 8],
+}
+
+/// The words of one draw.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pair {
+    /// Sets the radius and, by its sign, the half circle.
+    radius: u32,
+    /// Low half: the angle in that half circle. High half: [`Pair::choice`].
+    angle: u32,
+}
+
+impl Pair {
+    #[inline(always)]
+    pub(crate) fn draw(generator: &mut Generator) -> Self {
+        Self { radius: generator.next(), angle: generator.next() }
+    }
+
+    /// A third uniform, on (0, 2³¹]: the 16 bits of `angle` that the angle leaves, continued by the lowest 16 of
+    /// `radius`, which move the radius by less than 2⁻¹⁵ of its law.
+    #[inline(always)]
+    pub(crate) fn choice(self) -> f32 {
+        centred((self.angle & 0xffff_0000) | (self.radius & 0xffff)).abs()
+    }
+}
+
+impl Normal {
+    /// Deviates of standard deviation `sd`.
+    pub(crate) fn new(sd: f64) -> Self {
+        let scale = -2.0 * sd * sd;
+        Self { octave: (scale * std::f64::consts::LN_2) as f32, log: LOG.map(|c| (scale * c) as f32) }
+    }
+
+    /// The largest deviate, in units of the standard deviation: √(2 ln 2³²) and a little.
+    pub(crate) const MAX: f64 = 6.67;
+
+    /// Two independent deviates.
+    #[inline(always)]
+    pub(crate) fn deviates(&self, pair: Pair) -> (f32, f32) {
+        let uniform = centred(pair.radius);
+        // |uniform|·2⁻³¹ = 2^e·(1 + m) with 1 + m in [√½, √2).
+        const SQRT_HALF: u32 = 0x3f35_04f3;
+        let bits = uniform.abs().to_bits().wrapping_sub(SQRT_HALF + (31 << 23));
+        let exponent = ((bits as i32) >> 23) as f32;
+        let m = f32::from_bits((bits & 0x007f_ffff) + SQRT_HALF) - 1.0;
+        let series = horner(&self.log, m);
+        let square = exponent.mul_add(self.octave, m * series);
+        let radius = if square > 0.0 { square } else { 0.0 }.sqrt().copysign(uniform);
+        let t = ((pair.angle << 16) as i32) as f32 * (1.0 / 2_147_483_648.0);
+        let z = t * t;
+        (radius * horner(&COS, z), radius * t * horner(&SIN, z))
+    }
+}
+
+/// Σ c_k x^k.
+#[inline(always)]
+fn horner<R: Real, const N: usize>(coefficients: &[R; N], x: R) -> R {
+    let mut sum = coefficients[N - 1];
+    for &c in coefficients[..N - 1].iter().rev() {
+        sum = sum.mul_add(x, c);
+    }
+    sum
+}
+
+/// sin α/α and cos α in α² on |α| ≤ 0.8, minimax, |error| < 2·10⁻⁹ and 6·10⁻¹¹.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TiltSinCos<R> {
+    sin: [R; 4],
+    cos: [R; 5],
+}
+
+impl<R: Real> TiltSinCos<R> {
+    /// Largest |α| of the polynomials.
+    pub(crate) const REACH: f64 = 0.8;
+
+    pub(crate) fn new() -> Self {
+        Self {
+            sin: [9.999999839938e-01, -1.666663327553e-01, 8.331451720070e-03, -1.944801631009e-04]
+                .map(R::from_f64),
+            cos: [
+                9.999999999430e-01,
+                -4.999999955459e-01,
+                4.166661092960e-02,
+                -1.388644662254e-03,
+                2.436423323464e-05,
+            ]
+            .map(R::from_f64),
+        }
+    }
+
+    /// (sin α, cos α). With `WIDE`, |α| may be eight times [`Self::REACH`].
+    #[inline(always)]
+    pub(crate) fn of<const WIDE: bool>(&self, alpha: R) -> (R, R) {
+        let alpha = if WIDE { alpha * R::from_f64(0.125) } else { alpha };
+        let z = alpha * alpha;
+        let (mut s, mut c) = (alpha * horner(&self.sin, z), horner(&self.cos, z));
+        if WIDE {
+            for _ in 0..3 {
+                let double = s + s;
+                (s, c) = (double * c, R::ONE - double * s);
+            }
+        }
+        (s, c)
+    }
+}

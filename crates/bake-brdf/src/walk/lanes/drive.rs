@@ -1,0 +1,340 @@
+//! Lanes of paths: sweep, harvest, refill.
+
+use std::ops::Range;
+
+use super::draws::{Generator, Pair, Stream, centred};
+use super::event::{Ahead, ENTERED, Facet, Problem, Ray, SPACE};
+use super::real::Real;
+use crate::walk::{Exit, Fate};
+
+/// Paths that one sweep moves on by one event (two in the plane): enough independent chains to hide the latency of
+/// the square root and the division, few enough to stay in the first-level cache.
+const LANES: usize = 64;
+/// Lanes are dropped by the block when paths run out.
+const BLOCK: usize = 16;
+/// Slot of a lane that carries no path.
+const IDLE: usize = usize::MAX;
+
+/// Optical depth up to which absorption is a weight; beyond it a path survives with probability exp(−(τ − τ0)),
+/// which is unbiased and bounds the events spent on light that is gone.
+const WEIGHT_DEPTH: f64 = 6.0;
+
+/// One call: some paths of one incidence.
+#[derive(Clone, Debug)]
+pub(crate) struct Job {
+    pub(crate) sin_i: f64,
+    pub(crate) cos_i: f64,
+    pub(crate) stream: Stream,
+    pub(crate) paths: Range<u64>,
+    pub(crate) event_cap: u32,
+}
+
+/// The state of all lanes, one array a variable.
+struct Lanes<R> {
+    x: [R; LANES],
+    y: [R; LANES],
+    z: [R; LANES],
+    medium: [i32; LANES],
+    step: [i32; LANES],
+    met: [u32; LANES],
+    depth: [R; LANES],
+    limit: [R; LANES],
+    /// Explicit stacks: see [`Ahead`].
+    ratio: [R; LANES],
+    here: [R; LANES],
+    beyond: [R; LANES],
+    /// Explicit stacks in the plane: the tilt of the second event.
+    spare: [f32; LANES],
+    generator: [[u32; LANES]; 4],
+    done: [u32; LANES],
+    slot: [usize; LANES],
+}
+
+impl<R: Real> Lanes<R> {
+    fn idle(problem: &Problem<R>) -> Self {
+        let mut lanes = Self {
+            x: [R::ZERO; LANES],
+            y: [R::ZERO; LANES],
+            z: [R::ONE; LANES],
+            medium: [0; LANES],
+            step: [1; LANES],
+            met: [0; LANES],
+            depth: [R::ZERO; LANES],
+            limit: [R::ZERO; LANES],
+            ratio: [R::ONE; LANES],
+            here: [R::ZERO; LANES],
+            beyond: [R::ZERO; LANES],
+            spare: [0.0; LANES],
+            generator: [[1; LANES]; 4],
+            done: [0; LANES],
+            slot: [IDLE; LANES],
+        };
+        (0..LANES).for_each(|lane| lanes.rest(lane, problem));
+        lanes
+    }
+
+    /// Parks a lane without a path in the middle of the stack, where it disturbs nobody.
+    fn rest(&mut self, lane: usize, problem: &Problem<R>) {
+        let middle = Ray {
+            x: R::ZERO,
+            y: R::ZERO,
+            z: R::ONE,
+            medium: (problem.last + 1) / 2,
+            step: 1,
+            met: 0,
+            depth: R::ZERO,
+        };
+        self.set::<true>(lane, middle);
+        self.slot[lane] = IDLE;
+        self.limit[lane] = R::from_f64(f64::INFINITY);
+        (0..4).for_each(|word| self.generator[word][lane] = 1 + lane as u32);
+    }
+
+    #[inline(always)]
+    fn get(&self, lane: usize) -> Ray<R> {
+        Ray {
+            x: self.x[lane],
+            y: self.y[lane],
+            z: self.z[lane],
+            medium: self.medium[lane],
+            step: self.step[lane],
+            met: self.met[lane],
+            depth: self.depth[lane],
+        }
+    }
+
+    #[inline(always)]
+    fn set<const ABSORB: bool>(&mut self, lane: usize, ray: Ray<R>) {
+        self.x[lane] = ray.x;
+        self.y[lane] = ray.y;
+        self.z[lane] = ray.z;
+        self.medium[lane] = ray.medium;
+        self.step[lane] = ray.step;
+        self.met[lane] = ray.met;
+        if ABSORB {
+            self.depth[lane] = ray.depth;
+        }
+    }
+
+    /// Starts path number `path` in a lane.
+    #[inline(always)]
+    fn start<const ABSORB: bool>(&mut self, lane: usize, job: &Job, path: u64) {
+        let (generator, spare) = job.stream.path(path);
+        let ray = Ray {
+            x: R::from_f64(job.sin_i),
+            y: R::ZERO,
+            z: R::from_f64(job.cos_i),
+            medium: 0,
+            step: 1,
+            met: 0,
+            depth: R::ZERO,
+        };
+        self.set::<true>(lane, ray);
+        (0..4).for_each(|word| self.generator[word][lane] = generator.state[word]);
+        self.slot[lane] = (path - job.paths.start) as usize;
+        if ABSORB {
+            let budget = -libm::log((f64::from(spare) + 0.5) / 4_294_967_296.0);
+            self.limit[lane] = R::from_f64(WEIGHT_DEPTH + budget);
+        }
+    }
+
+    /// Moves the path of lane `from` to lane `to`.
+    fn shift(&mut self, from: usize, to: usize) {
+        self.set::<true>(to, self.get(from));
+        self.limit[to] = self.limit[from];
+        (0..4).for_each(|word| self.generator[word][to] = self.generator[word][from]);
+        self.slot[to] = self.slot[from];
+    }
+
+    /// How the path of a lane ended.
+    #[inline(always)]
+    fn exit(&self, lane: usize, problem: &Problem<R>) -> Exit {
+        let ray = self.get(lane);
+        let depth = ray.depth.to_f64();
+        let fate = if ray.medium == 0 && ray.step < 0 {
+            match ray.met {
+                0..=1 => Fate::Single,
+                met if met & ENTERED == 0 => Fate::Rehit,
+                _ => Fate::Interior,
+            }
+        } else if ray.medium > problem.last && ray.step > 0 {
+            Fate::Transmitted
+        } else if ray.depth > self.limit[lane] {
+            Fate::Absorbed
+        } else {
+            Fate::Truncated
+        };
+        let weight = if depth > 0.0 { libm::exp(-depth.min(WEIGHT_DEPTH)) } else { 1.0 };
+        Exit { direction: [ray.x, ray.y, ray.z].map(|v| v.to_f64() as f32), weight: weight as f32, fate }
+    }
+
+    /// One event (two in the plane) for each of the first `count` lanes; whether any path ended.
+    #[inline(always)]
+    fn sweep<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const EXPLICIT: bool>(
+        &mut self,
+        problem: &Problem<R>,
+        event_cap: u32,
+        count: usize,
+    ) -> bool {
+        if !EXPLICIT {
+            return self.events::<SHAPE, VISIBLE, ABSORB, EXPLICIT, BOTH>(problem, event_cap, count);
+        }
+        self.look_ahead(problem, count);
+        let first = self.events::<SHAPE, VISIBLE, ABSORB, EXPLICIT, FIRST>(problem, event_cap, count);
+        if SHAPE == SPACE {
+            return first;
+        }
+        self.look_ahead(problem, count);
+        self.events::<SHAPE, VISIBLE, ABSORB, EXPLICIT, SECOND>(problem, event_cap, count)
+    }
+
+    /// Looks up the interfaces that the rays of an explicit stack head for.
+    #[inline(always)]
+    fn look_ahead(&mut self, problem: &Problem<R>, count: usize) {
+        for lane in 0..count {
+            let ahead = problem.explicit(self.medium[lane], self.step[lane]);
+            self.ratio[lane] = ahead.ratio;
+            self.here[lane] = ahead.here;
+            self.beyond[lane] = ahead.beyond;
+        }
+    }
+
+    /// The events of a sweep. Straight-line code on arrays, which the compiler turns into vectors.
+    #[inline(always)]
+    fn events<
+        const SHAPE: u8,
+        const VISIBLE: bool,
+        const ABSORB: bool,
+        const EXPLICIT: bool,
+        const HALF: u8,
+    >(
+        &mut self,
+        problem: &Problem<R>,
+        event_cap: u32,
+        count: usize,
+    ) -> bool {
+        let mut any = 0;
+        for lane in 0..count.min(LANES) {
+            let mut ray = self.get(lane);
+            let mut generator = self.generator(lane);
+            let mut done = false;
+            let mut spare = self.spare[lane];
+            let limit = self.limit[lane];
+            if HALF != SECOND {
+                let pair = Pair::draw(&mut generator);
+                let (first, second) = problem.normal.deviates(pair);
+                let facet = if SHAPE == SPACE {
+                    Facet::sloped(first, second)
+                } else {
+                    Facet::tilted::<SHAPE>(first, &problem.tilt)
+                };
+                spare = second;
+                let weight = if VISIBLE { generator.next() } else { 0 };
+                let takes = |a: R| !VISIBLE || problem.sees::<SHAPE>(&ray, facet, first, a, weight);
+                let ahead = self.ahead::<EXPLICIT>(problem, &ray, lane);
+                ray = problem.meet::<SHAPE, ABSORB>(ray, facet, ahead, pair.choice(), takes);
+                done = ends::<R, ABSORB>(problem, &ray, event_cap, limit);
+            }
+            if SHAPE != SPACE && HALF != FIRST {
+                let ended = if HALF == SECOND { self.done[lane] != 0 } else { done };
+                let facet = Facet::tilted::<SHAPE>(spare, &problem.tilt);
+                let choice = centred(generator.next()).abs();
+                let weight = if VISIBLE { generator.next() } else { 0 };
+                let takes =
+                    |a: R| !ended && (!VISIBLE || problem.sees::<SHAPE>(&ray, facet, spare, a, weight));
+                let ahead = self.ahead::<EXPLICIT>(problem, &ray, lane);
+                ray = problem.meet::<SHAPE, ABSORB>(ray, facet, ahead, choice, takes);
+                done = ends::<R, ABSORB>(problem, &ray, event_cap, limit);
+            }
+            any |= u32::from(done);
+            self.done[lane] = u32::from(done);
+            if HALF == FIRST && SHAPE != SPACE {
+                self.spare[lane] = spare;
+            }
+            self.set::<ABSORB>(lane, ray);
+            self.set_generator(lane, generator);
+        }
+        any != 0
+    }
+
+    #[inline(always)]
+    fn ahead<const EXPLICIT: bool>(&self, problem: &Problem<R>, ray: &Ray<R>, lane: usize) -> Ahead<R> {
+        if !EXPLICIT {
+            return problem.alternating(ray.medium, ray.step);
+        }
+        Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
+    }
+
+    #[inline(always)]
+    fn generator(&self, lane: usize) -> Generator {
+        let [s0, s1, s2, s3] = &self.generator;
+        Generator { state: [s0[lane], s1[lane], s2[lane], s3[lane]] }
+    }
+
+    #[inline(always)]
+    fn set_generator(&mut self, lane: usize, generator: Generator) {
+        let [s0, s1, s2, s3] = &mut self.generator;
+        [s0[lane], s1[lane], s2[lane], s3[lane]] = generator.state;
+    }
+}
+
+/// Which events of a plane sweep (they share a pair of deviates).
+const BOTH: u8 = 0;
+const FIRST: u8 = 1;
+const SECOND: u8 = 2;
+
+/// Whether a path has ended: out, absorbed, or cut.
+#[inline(always)]
+fn ends<R: Real, const ABSORB: bool>(problem: &Problem<R>, ray: &Ray<R>, event_cap: u32, limit: R) -> bool {
+    let cut = (ray.met & !ENTERED) >= event_cap;
+    problem.is_out(ray) | cut | (ABSORB && ray.depth > limit)
+}
+
+/// Walks all paths of a job, one `Exit` each in path order; the number of crossings.
+#[inline(always)]
+pub(crate) fn walk<
+    R: Real,
+    const SHAPE: u8,
+    const VISIBLE: bool,
+    const ABSORB: bool,
+    const EXPLICIT: bool,
+>(
+    problem: &Problem<R>,
+    job: &Job,
+    out: &mut [Exit],
+) -> u64 {
+    let mut lanes = Lanes::idle(problem);
+    let mut paths = job.paths.clone();
+    let mut live = 0_usize;
+    for (lane, path) in (0..LANES).zip(paths.by_ref()) {
+        lanes.start::<ABSORB>(lane, job, path);
+        live += 1;
+    }
+    let mut crossings = 0;
+    while live > 0 {
+        let count = live.next_multiple_of(BLOCK);
+        if !lanes.sweep::<SHAPE, VISIBLE, ABSORB, EXPLICIT>(problem, job.event_cap, count) {
+            continue;
+        }
+        // From the last lane down, so that the lane that fills a gap has been looked at already.
+        for lane in (0..count).rev() {
+            if lanes.done[lane] == 0 {
+                continue;
+            }
+            if lanes.slot[lane] == IDLE {
+                lanes.rest(lane, problem);
+                continue;
+            }
+            crossings += u64::from(lanes.met[lane] & !ENTERED);
+            out[lanes.slot[lane]] = lanes.exit(lane, problem);
+            if let Some(path) = paths.next() {
+                lanes.start::<ABSORB>(lane, job, path);
+                continue;
+            }
+            live -= 1;
+            lanes.shift(live, lane);
+            lanes.rest(live, problem);
+        }
+    }
+    crossings
+}

@@ -1,0 +1,202 @@
+//! One event of one path, in the mirrored frame.
+
+use super::draws::{Normal, TiltSinCos, centred};
+use super::real::Real;
+
+/// The walk's frame at compile time: which geometry, and how far plane tilts reach.
+pub(crate) const SPACE: u8 = 0;
+/// Plane tilts within [`TiltSinCos::REACH`].
+pub(crate) const PLANE: u8 = 1;
+/// Plane tilts of any size.
+pub(crate) const PLANE_WIDE: u8 = 2;
+
+/// The constants of a walk.
+#[derive(Clone, Debug)]
+pub(crate) struct Problem<R> {
+    /// L: index of the last interface.
+    pub(crate) last: i32,
+    /// n1/n2 of interfaces between layers, leaving an odd and leaving an even medium.
+    pub(crate) odd: R,
+    pub(crate) even: R,
+    /// n1/n2 at interface 0, downwards and upwards.
+    pub(crate) enter: R,
+    pub(crate) leave: R,
+    /// n1/n2 at interface L, downwards and upwards.
+    pub(crate) out: R,
+    pub(crate) back: R,
+    /// Optical depths of odd and even layers.
+    pub(crate) depth_odd: R,
+    pub(crate) depth_even: R,
+    /// Explicit stacks: n1/n2 by 2·medium + (1 if heading up).
+    pub(crate) ratios: Vec<R>,
+    /// Explicit stacks: optical depth by medium (0 in the ambient and the substrate).
+    pub(crate) depths: Vec<R>,
+    /// Facet tilts.
+    pub(crate) normal: Normal,
+    pub(crate) tilt: TiltSinCos<R>,
+    /// Visible normals: the largest |slope|, and in the plane the largest |tilt|.
+    pub(crate) slope_max: R,
+    pub(crate) tilt_max: f32,
+}
+
+/// A ray on its way to an interface, mirrored so that it always travels towards +z.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ray<R> {
+    pub(crate) x: R,
+    pub(crate) y: R,
+    /// |cos θ|.
+    pub(crate) z: R,
+    /// Index of the medium it is in.
+    pub(crate) medium: i32,
+    /// +1 heading down, −1 heading up.
+    pub(crate) step: i32,
+    /// Crossings so far; [`ENTERED`] once it has been refracted.
+    pub(crate) met: u32,
+    /// Optical depth so far.
+    pub(crate) depth: R,
+}
+
+/// Flag in [`Ray::met`]: the path has entered the stack.
+pub(crate) const ENTERED: u32 = 1 << 31;
+
+/// A facet, its normal (x, y, −z) not normalised.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Facet<R> {
+    pub(crate) x: R,
+    pub(crate) y: R,
+    pub(crate) z: R,
+    /// Squared length of the normal.
+    pub(crate) square: R,
+}
+
+impl<R: Real> Facet<R> {
+    /// From two slopes.
+    #[inline(always)]
+    pub(crate) fn sloped(p: f32, q: f32) -> Self {
+        let (x, y) = (R::from_f32(p), R::from_f32(q));
+        Self { x, y, z: R::ONE, square: x.mul_add(x, y.mul_add(y, R::ONE)) }
+    }
+
+    /// From a tilt in the plane of incidence.
+    #[inline(always)]
+    pub(crate) fn tilted<const SHAPE: u8>(alpha: f32, tilt: &TiltSinCos<R>) -> Self {
+        let alpha = R::from_f32(alpha);
+        let (x, z) = if SHAPE == PLANE_WIDE { tilt.of::<true>(alpha) } else { tilt.of::<false>(alpha) };
+        Self { x, y: R::ZERO, z, square: R::ONE }
+    }
+}
+
+/// What a ray finds ahead of it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ahead<R> {
+    /// n1/n2 of the next interface.
+    pub(crate) ratio: R,
+    /// Optical depth of the layer that the ray is in.
+    pub(crate) here: R,
+    /// Optical depth of the layer behind the interface.
+    pub(crate) beyond: R,
+}
+
+impl<R: Real> Problem<R> {
+    /// The interface ahead, in a stack of two alternating layers.
+    #[inline(always)]
+    pub(crate) fn alternating(&self, medium: i32, step: i32) -> Ahead<R> {
+        let interface = medium + (step >> 1);
+        let (up, odd) = (step < 0, medium & 1 != 0);
+        let inner = if odd { self.odd } else { self.even };
+        let last = if up { self.back } else { self.out };
+        let first = if up { self.leave } else { self.enter };
+        let below = if interface == self.last { last } else { inner };
+        Ahead {
+            ratio: if interface == 0 { first } else { below },
+            here: if odd { self.depth_odd } else { self.depth_even },
+            beyond: if odd { self.depth_even } else { self.depth_odd },
+        }
+    }
+
+    /// The interface ahead, in any stack.
+    #[inline(always)]
+    pub(crate) fn explicit(&self, medium: i32, step: i32) -> Ahead<R> {
+        let up = usize::from(step < 0);
+        let (here, beyond) = (medium as usize, (medium + step) as usize);
+        Ahead {
+            ratio: self.ratios[2 * here + up],
+            here: self.depths[here],
+            beyond: self.depths.get(beyond).copied().unwrap_or(R::ZERO),
+        }
+    }
+
+    /// Whether a facet is taken, by its projected area per plane area, −d·m/m_z; `draw` is uniform.
+    #[inline(always)]
+    pub(crate) fn sees<const SHAPE: u8>(
+        &self,
+        ray: &Ray<R>,
+        facet: Facet<R>,
+        tilt: f32,
+        a: R,
+        draw: u32,
+    ) -> bool {
+        let bound = (ray.z + self.slope_max) * R::from_f32(centred(draw).abs() * (1.0 / 2_147_483_648.0));
+        bound * facet.z <= a && (SHAPE == SPACE || tilt.abs() <= self.tilt_max)
+    }
+
+    /// One event: the ray meets `facet`; `choice`, uniform on (0, 2³¹], decides between reflection and refraction.
+    /// A facet that faces away, or that `takes` refuses, changes nothing.
+    #[inline(always)]
+    pub(crate) fn meet<const SHAPE: u8, const ABSORB: bool>(
+        &self,
+        ray: Ray<R>,
+        facet: Facet<R>,
+        ahead: Ahead<R>,
+        choice: f32,
+        takes: impl Fn(R) -> bool,
+    ) -> Ray<R> {
+        let space = SHAPE == SPACE;
+        let ratio = ahead.ratio;
+        let contrast = R::ONE - ratio * ratio;
+        // a = |N| cos θ1, b = |N| cos θ2 (0 past the critical angle).
+        let a =
+            if space { ray.z - ray.x * facet.x - ray.y * facet.y } else { ray.z * facet.z - ray.x * facet.x };
+        let faces = a >= R::ZERO && takes(a);
+        let scaled = a * ratio;
+        let square = scaled.mul_add(scaled, if space { facet.square * contrast } else { contrast });
+        let b = if square > R::ZERO { square } else { R::ZERO }.sqrt();
+        // r_s = sn/sd and r_p = pn/pd; u ≤ (r_s² + r_p²)/2 without a division.
+        let (sd, sn) = (scaled + b, scaled - b);
+        let (pd, pn) = (ratio.mul_add(b, a), a - ratio * b);
+        let (both, s, p) = (sd * pd, sn * pd, pn * sd);
+        let needed = R::from_f32(choice) * both * both;
+        let reflects = !faces || needed <= R::from_f64(1_073_741_824.0) * s.mul_add(s, p * p);
+        let along = if reflects { R::ONE } else { ratio };
+        let normal = if reflects { a + a } else { sn };
+        let normal = if space { normal / facet.square } else { normal };
+        let normal = if faces { normal } else { R::ZERO };
+        let z = ray.z * along - normal * facet.z;
+        let turns = faces && z <= R::ZERO;
+        let step = if turns { -ray.step } else { ray.step };
+        let medium = if reflects { ray.medium } else { ray.medium + ray.step };
+        let met = ray.met + u32::from(faces);
+        let mut next = Ray {
+            x: ray.x.mul_add(along, normal * facet.x),
+            y: if space { ray.y.mul_add(along, normal * facet.y) } else { ray.y },
+            z: z.abs(),
+            medium,
+            step,
+            met: if reflects { met } else { met | ENTERED },
+            depth: ray.depth,
+        };
+        if ABSORB {
+            let layer = if reflects { ahead.here } else { ahead.beyond };
+            let crosses = reflects == turns && layer > R::ZERO && !self.is_out(&next);
+            next.depth = if crosses { ray.depth + layer / next.z } else { ray.depth };
+        }
+        next
+    }
+
+    /// Whether a ray has left the stack.
+    #[inline(always)]
+    pub(crate) fn is_out(&self, ray: &Ray<R>) -> bool {
+        // Interface −1 (as unsigned: the largest) or L + 1.
+        (ray.medium + (ray.step >> 1)) as u32 > self.last as u32
+    }
+}
