@@ -14,7 +14,7 @@ use std::ops::Range;
 
 use self::draws::{Normal, Stream, TiltSinCos};
 use self::drive::Job;
-use self::event::{PLANE, PLANE_WIDE, Problem, SPACE};
+use self::event::{Constants, PLANE, PLANE_WIDE, Problem, SPACE};
 use self::real::Real;
 pub use self::simd::SimdLevel;
 use super::Exit;
@@ -230,17 +230,13 @@ impl<R: Real> Problem<R> {
         let inner = |from: usize, to: usize| if layers >= 2 { ratio(from, to) } else { R::ONE };
         let depth =
             |layer: usize| transport.optical_depths.get(layer - 1).map_or(R::ZERO, |&d| R::from_f64(d));
-        let ratios = (0..layers + 2).flat_map(|medium| {
-            [(medium + 1).min(layers + 1), medium.saturating_sub(1)].map(|to| ratio(medium, to))
-        });
         let sd = transport.facets.slope_sd;
         let tilt_max = (6.5 * sd).min(80_f64.to_radians());
         let slope_max = match geometry {
             Geometry::Plane => tilt_max.tan(),
             Geometry::Space => Normal::MAX * sd,
         };
-        let explicit = !alternates(transport);
-        Self {
+        let constants = Constants {
             last: layers as i32,
             odd: inner(1, 2),
             even: inner(2, 1),
@@ -250,17 +246,20 @@ impl<R: Real> Problem<R> {
             back: ratio(layers + 1, layers),
             depth_odd: depth(1),
             depth_even: depth(2),
-            ratios: if explicit { ratios.collect() } else { Vec::new() },
-            depths: if explicit {
-                (0..layers + 2).map(|m| if m == 0 { R::ZERO } else { depth(m) }).collect()
-            } else {
-                Vec::new()
-            },
             normal: Normal::new(sd),
             tilt: TiltSinCos::new(),
             slope_max: R::from_f64(slope_max),
             tilt_max: tilt_max as f32,
+        };
+        if alternates(transport) {
+            return Self { constants, ratios: Vec::new(), depths: Vec::new() };
         }
+        let media = 0..layers + 2;
+        let ratios = media.clone().flat_map(|medium| {
+            [(medium + 1).min(layers + 1), medium.saturating_sub(1)].map(|to| ratio(medium, to))
+        });
+        let depths = media.map(|medium| if medium == 0 { R::ZERO } else { depth(medium) });
+        Self { constants, ratios: ratios.collect(), depths: depths.collect() }
     }
 }
 

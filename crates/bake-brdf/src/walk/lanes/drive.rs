@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::draws::{Generator, Pair, Stream, centred};
-use super::event::{Ahead, ENTERED, Facet, Problem, Ray, SPACE};
+use super::event::{Ahead, Constants, ENTERED, Facet, Problem, Ray, SPACE};
 use super::real::Real;
 use crate::walk::{Exit, Fate};
 
@@ -79,7 +79,7 @@ impl<R: Real> Lanes<R> {
             x: R::ZERO,
             y: R::ZERO,
             z: R::ONE,
-            medium: (problem.last + 1) / 2,
+            medium: (problem.constants.last + 1) / 2,
             step: 1,
             met: 0,
             depth: R::ZERO,
@@ -157,7 +157,7 @@ impl<R: Real> Lanes<R> {
                 met if met & ENTERED == 0 => Fate::Rehit,
                 _ => Fate::Interior,
             }
-        } else if ray.medium > problem.last && ray.step > 0 {
+        } else if ray.medium > problem.constants.last && ray.step > 0 {
             Fate::Transmitted
         } else if ray.depth > self.limit[lane] {
             Fate::Absorbed
@@ -213,6 +213,7 @@ impl<R: Real> Lanes<R> {
         event_cap: u32,
         count: usize,
     ) -> bool {
+        let constants = problem.constants;
         let mut any = 0;
         for lane in 0..count.min(LANES) {
             let mut ray = self.get(lane);
@@ -222,29 +223,29 @@ impl<R: Real> Lanes<R> {
             let limit = self.limit[lane];
             if HALF != SECOND {
                 let pair = Pair::draw(&mut generator);
-                let (first, second) = problem.normal.deviates(pair);
+                let (first, second) = constants.normal.deviates(pair);
                 let facet = if SHAPE == SPACE {
                     Facet::sloped(first, second)
                 } else {
-                    Facet::tilted::<SHAPE>(first, &problem.tilt)
+                    Facet::tilted::<SHAPE>(first, &constants.tilt)
                 };
                 spare = second;
                 let weight = if VISIBLE { generator.next() } else { 0 };
-                let takes = |a: R| !VISIBLE || problem.sees::<SHAPE>(&ray, facet, first, a, weight);
-                let ahead = self.ahead::<EXPLICIT>(problem, &ray, lane);
-                ray = problem.meet::<SHAPE, ABSORB>(ray, facet, ahead, pair.choice(), takes);
-                done = ends::<R, ABSORB>(problem, &ray, event_cap, limit);
+                let takes = |a: R| !VISIBLE || constants.sees::<SHAPE>(&ray, facet, first, a, weight);
+                let ahead = self.ahead::<EXPLICIT>(&constants, &ray, lane);
+                ray = constants.meet::<SHAPE, ABSORB>(ray, facet, ahead, pair.choice(), takes);
+                done = ends::<R, ABSORB>(&constants, &ray, event_cap, limit);
             }
             if SHAPE != SPACE && HALF != FIRST {
                 let ended = if HALF == SECOND { self.done[lane] != 0 } else { done };
-                let facet = Facet::tilted::<SHAPE>(spare, &problem.tilt);
+                let facet = Facet::tilted::<SHAPE>(spare, &constants.tilt);
                 let choice = centred(generator.next()).abs();
                 let weight = if VISIBLE { generator.next() } else { 0 };
                 let takes =
-                    |a: R| !ended && (!VISIBLE || problem.sees::<SHAPE>(&ray, facet, spare, a, weight));
-                let ahead = self.ahead::<EXPLICIT>(problem, &ray, lane);
-                ray = problem.meet::<SHAPE, ABSORB>(ray, facet, ahead, choice, takes);
-                done = ends::<R, ABSORB>(problem, &ray, event_cap, limit);
+                    |a: R| !ended && (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, spare, a, weight));
+                let ahead = self.ahead::<EXPLICIT>(&constants, &ray, lane);
+                ray = constants.meet::<SHAPE, ABSORB>(ray, facet, ahead, choice, takes);
+                done = ends::<R, ABSORB>(&constants, &ray, event_cap, limit);
             }
             any |= u32::from(done);
             self.done[lane] = u32::from(done);
@@ -258,7 +259,7 @@ impl<R: Real> Lanes<R> {
     }
 
     #[inline(always)]
-    fn ahead<const EXPLICIT: bool>(&self, problem: &Problem<R>, ray: &Ray<R>, lane: usize) -> Ahead<R> {
+    fn ahead<const EXPLICIT: bool>(&self, problem: &Constants<R>, ray: &Ray<R>, lane: usize) -> Ahead<R> {
         if !EXPLICIT {
             return problem.alternating(ray.medium, ray.step);
         }
@@ -285,7 +286,7 @@ const SECOND: u8 = 2;
 
 /// Whether a path has ended: out, absorbed, or cut.
 #[inline(always)]
-fn ends<R: Real, const ABSORB: bool>(problem: &Problem<R>, ray: &Ray<R>, event_cap: u32, limit: R) -> bool {
+fn ends<R: Real, const ABSORB: bool>(problem: &Constants<R>, ray: &Ray<R>, event_cap: u32, limit: R) -> bool {
     let cut = (ray.met & !ENTERED) >= event_cap;
     problem.is_out(ray) | cut | (ABSORB && ray.depth > limit)
 }

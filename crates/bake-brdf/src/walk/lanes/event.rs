@@ -13,6 +13,17 @@ pub(crate) const PLANE_WIDE: u8 = 2;
 /// The constants of a walk.
 #[derive(Clone, Debug)]
 pub(crate) struct Problem<R> {
+    pub(crate) constants: Constants<R>,
+    /// Explicit stacks: n1/n2 by 2·medium + (1 if heading up).
+    pub(crate) ratios: Vec<R>,
+    /// Explicit stacks: optical depth by medium (0 in the ambient and the substrate).
+    pub(crate) depths: Vec<R>,
+}
+
+/// The constants of an event. Copied before the loop over lanes: a choice between two fields behind a reference
+/// would become a gather.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Constants<R> {
     /// L: index of the last interface.
     pub(crate) last: i32,
     /// n1/n2 of interfaces between layers, leaving an odd and leaving an even medium.
@@ -27,10 +38,6 @@ pub(crate) struct Problem<R> {
     /// Optical depths of odd and even layers.
     pub(crate) depth_odd: R,
     pub(crate) depth_even: R,
-    /// Explicit stacks: n1/n2 by 2·medium + (1 if heading up).
-    pub(crate) ratios: Vec<R>,
-    /// Explicit stacks: optical depth by medium (0 in the ambient and the substrate).
-    pub(crate) depths: Vec<R>,
     /// Facet tilts.
     pub(crate) normal: Normal,
     pub(crate) tilt: TiltSinCos<R>,
@@ -98,6 +105,20 @@ pub(crate) struct Ahead<R> {
 }
 
 impl<R: Real> Problem<R> {
+    /// The interface ahead, in any stack.
+    #[inline(always)]
+    pub(crate) fn explicit(&self, medium: i32, step: i32) -> Ahead<R> {
+        let up = usize::from(step < 0);
+        let (here, beyond) = (medium as usize, (medium + step) as usize);
+        Ahead {
+            ratio: self.ratios[2 * here + up],
+            here: self.depths[here],
+            beyond: self.depths.get(beyond).copied().unwrap_or(R::ZERO),
+        }
+    }
+}
+
+impl<R: Real> Constants<R> {
     /// The interface ahead, in a stack of two alternating layers.
     #[inline(always)]
     pub(crate) fn alternating(&self, medium: i32, step: i32) -> Ahead<R> {
@@ -111,18 +132,6 @@ impl<R: Real> Problem<R> {
             ratio: if interface == 0 { first } else { below },
             here: if odd { self.depth_odd } else { self.depth_even },
             beyond: if odd { self.depth_even } else { self.depth_odd },
-        }
-    }
-
-    /// The interface ahead, in any stack.
-    #[inline(always)]
-    pub(crate) fn explicit(&self, medium: i32, step: i32) -> Ahead<R> {
-        let up = usize::from(step < 0);
-        let (here, beyond) = (medium as usize, (medium + step) as usize);
-        Ahead {
-            ratio: self.ratios[2 * here + up],
-            here: self.depths[here],
-            beyond: self.depths.get(beyond).copied().unwrap_or(R::ZERO),
         }
     }
 
