@@ -2,6 +2,8 @@
 //!
 //! Two 32-bit words make one event of a space walk, three make two events of a plane walk: see [`Pair`].
 
+use std::hint::select_unpredictable;
+
 use super::real::Real;
 
 /// The state of xoshiro128+ (Blackman & Vigna 2021), one per path.
@@ -136,7 +138,7 @@ impl Normal {
         let m = f32::from_bits((bits & 0x007f_ffff) + SQRT_HALF) - 1.0;
         let series = horner(&self.log, m);
         let square = exponent.mul_add(self.octave, m * series);
-        let radius = if square > 0.0 { square } else { 0.0 }.sqrt().copysign(uniform);
+        let radius = select_unpredictable(square > 0.0, square, 0.0).sqrt().copysign(uniform);
         let t = ((pair.angle << 16) as i32) as f32 * (1.0 / 2_147_483_648.0);
         let z = t * t;
         (radius * horner(&COS, z), radius * t * horner(&SIN, z))

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::draws::{Generator, Pair, Stream, centred};
-use super::event::{Ahead, Constants, ENTERED, Facet, Problem, Ray, SPACE};
+use super::event::{Ahead, ENTERED, Facet, Problem, Ray, SPACE};
 use super::real::Real;
 use crate::walk::{Exit, Fate};
 
@@ -43,8 +43,10 @@ struct Lanes<R> {
     ratio: [R; LANES],
     here: [R; LANES],
     beyond: [R; LANES],
-    /// Explicit stacks in the plane: the tilt of the second event.
-    spare: [f32; LANES],
+    /// Random numbers of this sweep: tilts (or slopes), uniforms for the choice and for the projected area.
+    tilts: [[f32; LANES]; 2],
+    choices: [[f32; LANES]; 2],
+    weights: [[f32; LANES]; 2],
     generator: [[u32; LANES]; 4],
     done: [u32; LANES],
     slot: [usize; LANES],
@@ -64,7 +66,9 @@ impl<R: Real> Lanes<R> {
             ratio: [R::ONE; LANES],
             here: [R::ZERO; LANES],
             beyond: [R::ZERO; LANES],
-            spare: [0.0; LANES],
+            tilts: [[0.0; LANES]; 2],
+            choices: [[0.0; LANES]; 2],
+            weights: [[0.0; LANES]; 2],
             generator: [[1; LANES]; 4],
             done: [0; LANES],
             slot: [IDLE; LANES],
@@ -169,6 +173,9 @@ impl<R: Real> Lanes<R> {
     }
 
     /// One event (two in the plane) for each of the first `count` lanes; whether any path ended.
+    ///
+    /// Drawing, looking up and moving are loops of their own: short chains of dependent operations, of which the
+    /// processor overlaps several.
     #[inline(always)]
     fn sweep<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const EXPLICIT: bool>(
         &mut self,
@@ -176,16 +183,43 @@ impl<R: Real> Lanes<R> {
         event_cap: u32,
         count: usize,
     ) -> bool {
-        if !EXPLICIT {
-            return self.events::<SHAPE, VISIBLE, ABSORB, EXPLICIT, BOTH>(problem, event_cap, count);
+        let count = count.min(LANES);
+        self.draw::<SHAPE, VISIBLE>(problem, count);
+        if EXPLICIT {
+            self.look_ahead(problem, count);
         }
-        self.look_ahead(problem, count);
-        let first = self.events::<SHAPE, VISIBLE, ABSORB, EXPLICIT, FIRST>(problem, event_cap, count);
+        let ended = self.meet::<SHAPE, VISIBLE, ABSORB, EXPLICIT, false>(problem, event_cap, count);
         if SHAPE == SPACE {
-            return first;
+            return ended;
         }
-        self.look_ahead(problem, count);
-        self.events::<SHAPE, VISIBLE, ABSORB, EXPLICIT, SECOND>(problem, event_cap, count)
+        if EXPLICIT {
+            self.look_ahead(problem, count);
+        }
+        self.meet::<SHAPE, VISIBLE, ABSORB, EXPLICIT, true>(problem, event_cap, count)
+    }
+
+    /// Draws the random numbers of a sweep.
+    #[inline(always)]
+    fn draw<const SHAPE: u8, const VISIBLE: bool>(&mut self, problem: &Problem<R>, count: usize) {
+        let normal = problem.constants.normal;
+        for lane in 0..count {
+            let mut generator = self.generator(lane);
+            let pair = Pair::draw(&mut generator);
+            let (first, second) = normal.deviates(pair);
+            self.tilts[0][lane] = first;
+            self.tilts[1][lane] = second;
+            self.choices[0][lane] = pair.choice();
+            if VISIBLE {
+                self.weights[0][lane] = centred(generator.next()).abs();
+            }
+            if SHAPE != SPACE {
+                self.choices[1][lane] = centred(generator.next()).abs();
+                if VISIBLE {
+                    self.weights[1][lane] = centred(generator.next()).abs();
+                }
+            }
+            self.set_generator(lane, generator);
+        }
     }
 
     /// Looks up the interfaces that the rays of an explicit stack head for.
@@ -199,14 +233,14 @@ impl<R: Real> Lanes<R> {
         }
     }
 
-    /// The events of a sweep. Straight-line code on arrays, which the compiler turns into vectors.
+    /// Moves every path on by one event, the `SECOND` of a plane sweep or the first; whether any path ended.
     #[inline(always)]
-    fn events<
+    fn meet<
         const SHAPE: u8,
         const VISIBLE: bool,
         const ABSORB: bool,
         const EXPLICIT: bool,
-        const HALF: u8,
+        const SECOND: bool,
     >(
         &mut self,
         problem: &Problem<R>,
@@ -214,56 +248,33 @@ impl<R: Real> Lanes<R> {
         count: usize,
     ) -> bool {
         let constants = problem.constants;
+        let half = usize::from(SECOND);
         let mut any = 0;
-        for lane in 0..count.min(LANES) {
-            let mut ray = self.get(lane);
-            let mut generator = self.generator(lane);
-            let mut done = false;
-            let mut spare = self.spare[lane];
-            let limit = self.limit[lane];
-            if HALF != SECOND {
-                let pair = Pair::draw(&mut generator);
-                let (first, second) = constants.normal.deviates(pair);
-                let facet = if SHAPE == SPACE {
-                    Facet::sloped(first, second)
-                } else {
-                    Facet::tilted::<SHAPE>(first, &constants.tilt)
-                };
-                spare = second;
-                let weight = if VISIBLE { generator.next() } else { 0 };
-                let takes = |a: R| !VISIBLE || constants.sees::<SHAPE>(&ray, facet, first, a, weight);
-                let ahead = self.ahead::<EXPLICIT>(&constants, &ray, lane);
-                ray = constants.meet::<SHAPE, ABSORB>(ray, facet, ahead, pair.choice(), takes);
-                done = ends::<R, ABSORB>(&constants, &ray, event_cap, limit);
-            }
-            if SHAPE != SPACE && HALF != FIRST {
-                let ended = if HALF == SECOND { self.done[lane] != 0 } else { done };
-                let facet = Facet::tilted::<SHAPE>(spare, &constants.tilt);
-                let choice = centred(generator.next()).abs();
-                let weight = if VISIBLE { generator.next() } else { 0 };
-                let takes =
-                    |a: R| !ended && (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, spare, a, weight));
-                let ahead = self.ahead::<EXPLICIT>(&constants, &ray, lane);
-                ray = constants.meet::<SHAPE, ABSORB>(ray, facet, ahead, choice, takes);
-                done = ends::<R, ABSORB>(&constants, &ray, event_cap, limit);
-            }
-            any |= u32::from(done);
-            self.done[lane] = u32::from(done);
-            if HALF == FIRST && SHAPE != SPACE {
-                self.spare[lane] = spare;
-            }
+        for lane in 0..count {
+            let ray = self.get(lane);
+            let tilt = self.tilts[half][lane];
+            let facet = if SHAPE == SPACE {
+                Facet::sloped(tilt, self.tilts[1][lane])
+            } else {
+                Facet::tilted::<SHAPE>(tilt, &constants.tilt)
+            };
+            let ahead = if EXPLICIT {
+                Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
+            } else {
+                constants.alternating(ray.medium, ray.step)
+            };
+            let rests = SECOND & (self.done[lane] != 0);
+            let weight = self.weights[half][lane];
+            let takes = |a: R| !rests & (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, tilt, a, weight));
+            let ray = constants.meet::<SHAPE, ABSORB>(ray, facet, ahead, self.choices[half][lane], takes);
+            let cut = (ray.met & !ENTERED) >= event_cap;
+            let absorbed = ABSORB && ray.depth > self.limit[lane];
+            let done = u32::from(constants.is_out(&ray) | cut | absorbed);
+            any |= done;
+            self.done[lane] = done;
             self.set::<ABSORB>(lane, ray);
-            self.set_generator(lane, generator);
         }
         any != 0
-    }
-
-    #[inline(always)]
-    fn ahead<const EXPLICIT: bool>(&self, problem: &Constants<R>, ray: &Ray<R>, lane: usize) -> Ahead<R> {
-        if !EXPLICIT {
-            return problem.alternating(ray.medium, ray.step);
-        }
-        Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
     }
 
     #[inline(always)]
@@ -277,18 +288,6 @@ impl<R: Real> Lanes<R> {
         let [s0, s1, s2, s3] = &mut self.generator;
         [s0[lane], s1[lane], s2[lane], s3[lane]] = generator.state;
     }
-}
-
-/// Which events of a plane sweep (they share a pair of deviates).
-const BOTH: u8 = 0;
-const FIRST: u8 = 1;
-const SECOND: u8 = 2;
-
-/// Whether a path has ended: out, absorbed, or cut.
-#[inline(always)]
-fn ends<R: Real, const ABSORB: bool>(problem: &Constants<R>, ray: &Ray<R>, event_cap: u32, limit: R) -> bool {
-    let cut = (ray.met & !ENTERED) >= event_cap;
-    problem.is_out(ray) | cut | (ABSORB && ray.depth > limit)
 }
 
 /// Walks all paths of a job, one `Exit` each in path order; the number of crossings.

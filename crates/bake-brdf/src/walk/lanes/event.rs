@@ -1,6 +1,8 @@
 //! One event of one path, in the mirrored frame.
 
-use super::draws::{Normal, TiltSinCos, centred};
+use std::hint::select_unpredictable as choose;
+
+use super::draws::{Normal, TiltSinCos};
 use super::real::Real;
 
 /// The walk's frame at compile time: which geometry, and how far plane tilts reach.
@@ -124,14 +126,13 @@ impl<R: Real> Constants<R> {
     pub(crate) fn alternating(&self, medium: i32, step: i32) -> Ahead<R> {
         let interface = medium + (step >> 1);
         let (up, odd) = (step < 0, medium & 1 != 0);
-        let inner = if odd { self.odd } else { self.even };
-        let last = if up { self.back } else { self.out };
-        let first = if up { self.leave } else { self.enter };
-        let below = if interface == self.last { last } else { inner };
+        let inner = choose(odd, self.odd, self.even);
+        let last = choose(up, self.back, self.out);
+        let first = choose(up, self.leave, self.enter);
         Ahead {
-            ratio: if interface == 0 { first } else { below },
-            here: if odd { self.depth_odd } else { self.depth_even },
-            beyond: if odd { self.depth_even } else { self.depth_odd },
+            ratio: choose(interface == 0, first, choose(interface == self.last, last, inner)),
+            here: choose(odd, self.depth_odd, self.depth_even),
+            beyond: choose(odd, self.depth_even, self.depth_odd),
         }
     }
 
@@ -143,10 +144,10 @@ impl<R: Real> Constants<R> {
         facet: Facet<R>,
         tilt: f32,
         a: R,
-        draw: u32,
+        draw: f32,
     ) -> bool {
-        let bound = (ray.z + self.slope_max) * R::from_f32(centred(draw).abs() * (1.0 / 2_147_483_648.0));
-        bound * facet.z <= a && (SHAPE == SPACE || tilt.abs() <= self.tilt_max)
+        let bound = (ray.z + self.slope_max) * R::from_f32(draw * (1.0 / 2_147_483_648.0));
+        (bound * facet.z <= a) & (SHAPE == SPACE || tilt.abs() <= self.tilt_max)
     }
 
     /// One event: the ray meets `facet`; `choice`, uniform on (0, 2³¹], decides between reflection and refraction.
@@ -166,38 +167,37 @@ impl<R: Real> Constants<R> {
         // a = |N| cos θ1, b = |N| cos θ2 (0 past the critical angle).
         let a =
             if space { ray.z - ray.x * facet.x - ray.y * facet.y } else { ray.z * facet.z - ray.x * facet.x };
-        let faces = a >= R::ZERO && takes(a);
+        let faces = (a >= R::ZERO) & takes(a);
         let scaled = a * ratio;
         let square = scaled.mul_add(scaled, if space { facet.square * contrast } else { contrast });
-        let b = if square > R::ZERO { square } else { R::ZERO }.sqrt();
+        let b = choose(square > R::ZERO, square, R::ZERO).sqrt();
         // r_s = sn/sd and r_p = pn/pd; u ≤ (r_s² + r_p²)/2 without a division.
         let (sd, sn) = (scaled + b, scaled - b);
         let (pd, pn) = (ratio.mul_add(b, a), a - ratio * b);
         let (both, s, p) = (sd * pd, sn * pd, pn * sd);
         let needed = R::from_f32(choice) * both * both;
-        let reflects = !faces || needed <= R::from_f64(1_073_741_824.0) * s.mul_add(s, p * p);
-        let along = if reflects { R::ONE } else { ratio };
-        let normal = if reflects { a + a } else { sn };
+        let reflects = !faces | (needed <= R::from_f64(1_073_741_824.0) * s.mul_add(s, p * p));
+        let along = choose(reflects, R::ONE, ratio);
+        let normal = choose(reflects, a + a, sn);
         let normal = if space { normal / facet.square } else { normal };
-        let normal = if faces { normal } else { R::ZERO };
+        let normal = choose(faces, normal, R::ZERO);
         let z = ray.z * along - normal * facet.z;
-        let turns = faces && z <= R::ZERO;
-        let step = if turns { -ray.step } else { ray.step };
-        let medium = if reflects { ray.medium } else { ray.medium + ray.step };
+        let turns = faces & (z <= R::ZERO);
+        let medium = choose(reflects, ray.medium, ray.medium + ray.step);
         let met = ray.met + u32::from(faces);
         let mut next = Ray {
             x: ray.x.mul_add(along, normal * facet.x),
             y: if space { ray.y.mul_add(along, normal * facet.y) } else { ray.y },
             z: z.abs(),
             medium,
-            step,
-            met: if reflects { met } else { met | ENTERED },
+            step: choose(turns, -ray.step, ray.step),
+            met: choose(reflects, met, met | ENTERED),
             depth: ray.depth,
         };
         if ABSORB {
-            let layer = if reflects { ahead.here } else { ahead.beyond };
-            let crosses = reflects == turns && layer > R::ZERO && !self.is_out(&next);
-            next.depth = if crosses { ray.depth + layer / next.z } else { ray.depth };
+            let layer = choose(reflects, ahead.here, ahead.beyond);
+            let crosses = (reflects == turns) & (layer > R::ZERO) & !self.is_out(&next);
+            next.depth = choose(crosses, ray.depth + layer / next.z, ray.depth);
         }
         next
     }
