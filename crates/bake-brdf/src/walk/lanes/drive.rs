@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use super::draws::{Generator, Pair, Stream, centred};
-use super::event::{Ahead, ENTERED, Facet, Problem, Ray, SPACE};
+use super::draws::{Generator, Pair, Stream, uniform};
+use super::event::{Ahead, EXPLICIT, Facet, Problem, Ray, SPACE};
 use super::real::Real;
 use crate::walk::{Exit, Fate};
 
@@ -34,7 +34,7 @@ struct Lanes<R> {
     x: [R; LANES],
     y: [R; LANES],
     z: [R; LANES],
-    medium: [i32; LANES],
+    interface: [i32; LANES],
     step: [i32; LANES],
     met: [u32; LANES],
     depth: [R; LANES],
@@ -48,7 +48,7 @@ struct Lanes<R> {
     choices: [[f32; LANES]; 2],
     weights: [[f32; LANES]; 2],
     generator: [[u32; LANES]; 4],
-    done: [u32; LANES],
+    done: [i32; LANES],
     slot: [usize; LANES],
 }
 
@@ -58,7 +58,7 @@ impl<R: Real> Lanes<R> {
             x: [R::ZERO; LANES],
             y: [R::ZERO; LANES],
             z: [R::ONE; LANES],
-            medium: [0; LANES],
+            interface: [0; LANES],
             step: [1; LANES],
             met: [0; LANES],
             depth: [R::ZERO; LANES],
@@ -83,7 +83,7 @@ impl<R: Real> Lanes<R> {
             x: R::ZERO,
             y: R::ZERO,
             z: R::ONE,
-            medium: (problem.constants.last + 1) / 2,
+            interface: problem.constants.last / 2,
             step: 1,
             met: 0,
             depth: R::ZERO,
@@ -100,7 +100,7 @@ impl<R: Real> Lanes<R> {
             x: self.x[lane],
             y: self.y[lane],
             z: self.z[lane],
-            medium: self.medium[lane],
+            interface: self.interface[lane],
             step: self.step[lane],
             met: self.met[lane],
             depth: self.depth[lane],
@@ -112,7 +112,7 @@ impl<R: Real> Lanes<R> {
         self.x[lane] = ray.x;
         self.y[lane] = ray.y;
         self.z[lane] = ray.z;
-        self.medium[lane] = ray.medium;
+        self.interface[lane] = ray.interface;
         self.step[lane] = ray.step;
         self.met[lane] = ray.met;
         if ABSORB {
@@ -128,7 +128,7 @@ impl<R: Real> Lanes<R> {
             x: R::from_f64(job.sin_i),
             y: R::ZERO,
             z: R::from_f64(job.cos_i),
-            medium: 0,
+            interface: 0,
             step: 1,
             met: 0,
             depth: R::ZERO,
@@ -155,13 +155,13 @@ impl<R: Real> Lanes<R> {
     fn exit(&self, lane: usize, problem: &Problem<R>) -> Exit {
         let ray = self.get(lane);
         let depth = ray.depth.to_f64();
-        let fate = if ray.medium == 0 && ray.step < 0 {
+        let fate = if ray.interface < 0 {
             match ray.met {
-                0..=1 => Fate::Single,
-                met if met & ENTERED == 0 => Fate::Rehit,
+                2 => Fate::Single,
+                met if met % 2 == 0 => Fate::Rehit,
                 _ => Fate::Interior,
             }
-        } else if ray.medium > problem.constants.last && ray.step > 0 {
+        } else if ray.interface > problem.constants.last {
             Fate::Transmitted
         } else if ray.depth > self.limit[lane] {
             Fate::Absorbed
@@ -177,7 +177,7 @@ impl<R: Real> Lanes<R> {
     /// Drawing, looking up and moving are loops of their own: short chains of dependent operations, of which the
     /// processor overlaps several.
     #[inline(always)]
-    fn sweep<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const EXPLICIT: bool>(
+    fn sweep<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
         &mut self,
         problem: &Problem<R>,
         event_cap: u32,
@@ -185,17 +185,17 @@ impl<R: Real> Lanes<R> {
     ) -> bool {
         let count = count.min(LANES);
         self.draw::<SHAPE, VISIBLE>(problem, count);
-        if EXPLICIT {
+        if STACK == EXPLICIT {
             self.look_ahead(problem, count);
         }
-        let ended = self.meet::<SHAPE, VISIBLE, ABSORB, EXPLICIT, false>(problem, event_cap, count);
+        let ended = self.meet::<SHAPE, VISIBLE, ABSORB, STACK, false>(problem, event_cap, count);
         if SHAPE == SPACE {
             return ended;
         }
-        if EXPLICIT {
+        if STACK == EXPLICIT {
             self.look_ahead(problem, count);
         }
-        self.meet::<SHAPE, VISIBLE, ABSORB, EXPLICIT, true>(problem, event_cap, count)
+        self.meet::<SHAPE, VISIBLE, ABSORB, STACK, true>(problem, event_cap, count)
     }
 
     /// Draws the random numbers of a sweep.
@@ -210,12 +210,12 @@ impl<R: Real> Lanes<R> {
             self.tilts[1][lane] = second;
             self.choices[0][lane] = pair.choice();
             if VISIBLE {
-                self.weights[0][lane] = centred(generator.next()).abs();
+                self.weights[0][lane] = uniform(generator.next());
             }
             if SHAPE != SPACE {
-                self.choices[1][lane] = centred(generator.next()).abs();
+                self.choices[1][lane] = uniform(generator.next());
                 if VISIBLE {
-                    self.weights[1][lane] = centred(generator.next()).abs();
+                    self.weights[1][lane] = uniform(generator.next());
                 }
             }
             self.set_generator(lane, generator);
@@ -226,7 +226,7 @@ impl<R: Real> Lanes<R> {
     #[inline(always)]
     fn look_ahead(&mut self, problem: &Problem<R>, count: usize) {
         for lane in 0..count {
-            let ahead = problem.explicit(self.medium[lane], self.step[lane]);
+            let ahead = problem.explicit(self.interface[lane], self.step[lane]);
             self.ratio[lane] = ahead.ratio;
             self.here[lane] = ahead.here;
             self.beyond[lane] = ahead.beyond;
@@ -235,20 +235,14 @@ impl<R: Real> Lanes<R> {
 
     /// Moves every path on by one event, the `SECOND` of a plane sweep or the first; whether any path ended.
     #[inline(always)]
-    fn meet<
-        const SHAPE: u8,
-        const VISIBLE: bool,
-        const ABSORB: bool,
-        const EXPLICIT: bool,
-        const SECOND: bool,
-    >(
+    fn meet<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8, const SECOND: bool>(
         &mut self,
         problem: &Problem<R>,
         event_cap: u32,
         count: usize,
     ) -> bool {
         let constants = problem.constants;
-        let half = usize::from(SECOND);
+        let (cap, half) = (2 * event_cap, usize::from(SECOND));
         let mut any = 0;
         for lane in 0..count {
             let ray = self.get(lane);
@@ -258,18 +252,18 @@ impl<R: Real> Lanes<R> {
             } else {
                 Facet::tilted::<SHAPE>(tilt, &constants.tilt)
             };
-            let ahead = if EXPLICIT {
+            let ahead = if STACK == EXPLICIT {
                 Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
             } else {
-                constants.alternating(ray.medium, ray.step)
+                constants.alternating::<STACK>(ray.interface, ray.step)
             };
             let rests = SECOND & (self.done[lane] != 0);
             let weight = self.weights[half][lane];
             let takes = |a: R| !rests & (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, tilt, a, weight));
             let ray = constants.meet::<SHAPE, ABSORB>(ray, facet, ahead, self.choices[half][lane], takes);
-            let cut = (ray.met & !ENTERED) >= event_cap;
+            let cut = ray.met >= cap;
             let absorbed = ABSORB && ray.depth > self.limit[lane];
-            let done = u32::from(constants.is_out(&ray) | cut | absorbed);
+            let done = -i32::from(constants.is_out(&ray) | cut | absorbed);
             any |= done;
             self.done[lane] = done;
             self.set::<ABSORB>(lane, ray);
@@ -292,13 +286,7 @@ impl<R: Real> Lanes<R> {
 
 /// Walks all paths of a job, one `Exit` each in path order; the number of crossings.
 #[inline(always)]
-pub(crate) fn walk<
-    R: Real,
-    const SHAPE: u8,
-    const VISIBLE: bool,
-    const ABSORB: bool,
-    const EXPLICIT: bool,
->(
+pub(crate) fn walk<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
     problem: &Problem<R>,
     job: &Job,
     out: &mut [Exit],
@@ -313,27 +301,32 @@ pub(crate) fn walk<
     let mut crossings = 0;
     while live > 0 {
         let count = live.next_multiple_of(BLOCK);
-        if !lanes.sweep::<SHAPE, VISIBLE, ABSORB, EXPLICIT>(problem, job.event_cap, count) {
+        if !lanes.sweep::<SHAPE, VISIBLE, ABSORB, STACK>(problem, job.event_cap, count) {
             continue;
         }
         // From the last lane down, so that the lane that fills a gap has been looked at already.
-        for lane in (0..count).rev() {
-            if lanes.done[lane] == 0 {
+        for block in (0..count / BLOCK).rev().map(|block| block * BLOCK..(block + 1) * BLOCK) {
+            if lanes.done[block.clone()].iter().fold(0, |any, done| any | done) == 0 {
                 continue;
             }
-            if lanes.slot[lane] == IDLE {
-                lanes.rest(lane, problem);
-                continue;
+            for lane in block.rev() {
+                if lanes.done[lane] == 0 {
+                    continue;
+                }
+                if lanes.slot[lane] == IDLE {
+                    lanes.rest(lane, problem);
+                    continue;
+                }
+                crossings += u64::from(lanes.met[lane] / 2);
+                out[lanes.slot[lane]] = lanes.exit(lane, problem);
+                if let Some(path) = paths.next() {
+                    lanes.start::<ABSORB>(lane, job, path);
+                    continue;
+                }
+                live -= 1;
+                lanes.shift(live, lane);
+                lanes.rest(live, problem);
             }
-            crossings += u64::from(lanes.met[lane] & !ENTERED);
-            out[lanes.slot[lane]] = lanes.exit(lane, problem);
-            if let Some(path) = paths.next() {
-                lanes.start::<ABSORB>(lane, job, path);
-                continue;
-            }
-            live -= 1;
-            lanes.shift(live, lane);
-            lanes.rest(live, problem);
         }
     }
     crossings
