@@ -1,7 +1,7 @@
 //! The table as an OpenEXR file: one scan-line part, f32, ZIP, one text attribute `pearl`.
 //!
 //! Layout in `docs/LUT-FORMAT.md`. Writing is bit-reproducible: the bytes depend on the table alone. Reading
-//! trusts nothing: the header is parsed by [`header`] with bounds on everything before anything is allocated
+//! trusts nothing: the header is parsed here with bounds on everything before anything is allocated
 //! on its word, and only the blocks are left to the `exr` crate.
 
 mod header;
