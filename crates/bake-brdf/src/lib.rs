@@ -1,4 +1,5 @@
 //! Recipe, plan, solvers and bake of the nacre light walk.
 
+pub mod doubling;
 pub mod transport;
 pub mod walk;
