@@ -96,6 +96,9 @@ pub(super) struct Interface {
     pub(super) sampling: Sampling,
 }
 
+/// Points at which a segment's oscillation is measured.
+const PROBES: i32 = 6;
+
 /// Unpolarised Fresnel reflectance and cos of the refraction angle; (1, 0) past the critical angle.
 pub(super) fn fresnel(eta: f64, cos_i: f64) -> (f64, f64) {
     // 1 − η²(1 − c²) = (1 − η)(1 + η) + η²c² keeps its digits when η → 1.
@@ -123,11 +126,81 @@ struct Line {
     hi: f64,
 }
 
-/// A break of the integrand along a line, and whether it is a critical angle (a square root).
+/// A coordinate on a segment in which the integrand is smooth: the line's own, or u with r = c ± u² when the
+/// refracted ray has its critical angle c (a square root) at the segment's end or not far beyond it.
 #[derive(Clone, Copy)]
-struct Break {
-    at: f64,
-    critical: bool,
+enum Chart {
+    Straight { from: f64, length: f64 },
+    Root { centre: f64, sign: f64, from: f64, length: f64 },
+}
+
+impl Chart {
+    /// On the segment `from..to`, given the critical points of its line, if light refracts there.
+    fn new(from: f64, to: f64, refracts: bool, critical: [f64; 2]) -> Self {
+        let distance = |c: f64| if c <= from { from - c } else { c - to };
+        // Points inside the segment would have split it; NaN marks none.
+        let nearest = critical.into_iter().filter(|c| *c <= from || *c >= to).min_by(|a, b| distance(*a).total_cmp(&distance(*b)));
+        match nearest {
+            Some(centre) if refracts => {
+                let sign = if centre <= from { 1.0 } else { -1.0 };
+                let ends = [(sign * (from - centre)).max(0.0).sqrt(), (sign * (to - centre)).max(0.0).sqrt()];
+                let low = ends[0].min(ends[1]);
+                Self::Root { centre, sign, from: low, length: ends[0].max(ends[1]) - low }
+            }
+            _ => Self::Straight { from, length: to - from },
+        }
+    }
+
+    /// r and dr of the unit coordinate.
+    fn at(&self, unit: f64) -> (f64, f64) {
+        match *self {
+            Self::Straight { from, length } => (from + length * unit, length),
+            Self::Root { centre, sign, from, length } => {
+                let u = from + length * unit;
+                (centre + sign * u * u, 2.0 * u * length)
+            }
+        }
+    }
+
+    /// Gauss–Legendre of about `count` points: `visit(r, weight)`.
+    fn integrate(&self, count: f64, mut visit: impl FnMut(f64, f64)) {
+        let pieces = (count / LARGEST_SEGMENT_RULE as f64).ceil().max(1.0);
+        let rule = segment_rule((count / pieces).ceil() as usize + if pieces > 1.0 { 8 } else { 0 });
+        for piece in 0..pieces as usize {
+            for (t, w) in rule.nodes.iter().zip(&rule.weights) {
+                let (r, dr) = self.at((piece as f64 + 0.5 * (t + 1.0)) / pieces);
+                visit(r, dr * 0.5 * w / pieces);
+            }
+        }
+    }
+}
+
+/// Where a line must be split, in order, and the critical points among them (NaN: none).
+struct Breaks {
+    at: Vec<f64>,
+    critical: [f64; 2],
+}
+
+impl Breaks {
+    /// Calls `visit(from, to)` for each segment of `lo..hi`; a refracting segment between two critical points is halved.
+    fn segments(&self, lo: f64, hi: f64, refracts: impl Fn(f64) -> bool, mut visit: impl FnMut(f64, f64, Chart)) {
+        let mut from = lo;
+        for &to in self.at.iter().chain([&hi]) {
+            if to <= from {
+                continue;
+            }
+            let middle = 0.5 * (from + to);
+            let refracting = refracts(middle);
+            let near = |c: f64| (c - from).abs().min((c - to).abs()) < to - from;
+            if refracting && self.critical.into_iter().all(near) {
+                visit(from, middle, Chart::new(from, middle, true, self.critical));
+                visit(middle, to, Chart::new(middle, to, true, self.critical));
+            } else {
+                visit(from, to, Chart::new(from, to, refracting, self.critical));
+            }
+            from = to;
+        }
+    }
 }
 
 impl Interface {
@@ -262,7 +335,7 @@ impl Interface {
             let measure = if polar { measure * r } else { measure };
             self.add(s, c, x, q, weight * measure, part, events);
         };
-        if breaks.is_empty() && !polar && !cut {
+        if breaks.at.is_empty() && !polar && !cut {
             let rate = self.line_rate(theta, part, &line);
             let sigma = self.facets.slope_sd;
             let step = 2.0 * PI / (self.sampling.density * rate + self.sampling.reach / sigma);
@@ -272,12 +345,23 @@ impl Interface {
             }
             return;
         }
-        let mut from = Break { at: line.lo, critical: false };
-        let end = Break { at: line.hi, critical: false };
-        for to in breaks.into_iter().chain([end]) {
-            self.segment(theta, part, &line, from, to, &mut |r, w| add(r, w, events));
-            from = to;
-        }
+        let point = |r: f64| (line.base.0 + r * line.dir.0, line.base.1 + r * line.dir.1);
+        let refracts = |r: f64| {
+            let (x, q) = point(r);
+            self.meet(s, c, x, q).1.is_some()
+        };
+        breaks.segments(line.lo, line.hi, refracts, |from, to, chart| {
+            let mut turn = 0.0;
+            let mut last = chart.at(1e-4).0;
+            for k in 1..=PROBES {
+                let next = chart.at(1e-4 + (1.0 - 2e-4) * f64::from(k) / f64::from(PROBES)).0;
+                turn += self.rate(theta, part, point(last), point(next)) * (next - last).abs();
+                last = next;
+            }
+            let smooth = 8.0 + self.sampling.reach * 0.25 * (to - from) / self.facets.slope_sd;
+            let count = smooth + 0.5 * self.sampling.density * turn;
+            chart.integrate(count, |r, weight| add(r, weight, events));
+        });
     }
 
     fn line_rate(&self, theta: f64, part: Part, line: &Line) -> f64 {
@@ -293,92 +377,41 @@ impl Interface {
         rate
     }
 
-    /// Breaks strictly inside the line, in order.
-    fn breaks(&self, s: f64, c: f64, line: &Line) -> Vec<Break> {
+    /// Breaks strictly inside the line.
+    fn breaks(&self, s: f64, c: f64, line: &Line) -> Breaks {
         let (bx, bq) = line.base;
         let (dx, dq) = line.dir;
         let square = bx * bx + bq * bq;
         let along = bx * dx + bq * dq;
-        let mut found = Vec::new();
-        let mut keep = |roots: [f64; 2], critical: bool| {
-            for at in roots {
-                if at > line.lo && at < line.hi {
-                    found.push(Break { at, critical });
-                }
-            }
-        };
         // Reflected along the horizon: cos θ (x² + q² − 1) + 2x sin θ = 0.
-        keep(roots(c, 2.0 * (c * along + s * dx), c * (square - 1.0) + 2.0 * s * bx).0, false);
+        let horizon = roots(c, 2.0 * (c * along + s * dx), c * (square - 1.0) + 2.0 * s * bx).0;
+        let mut at = horizon.to_vec();
+        let mut critical = [f64::NAN; 2];
         if self.eta > 1.0 {
             // Critical angle: a² = cos²θ_c (1 + x² + q²).
-            let critical = 1.0 - 1.0 / (self.eta * self.eta);
+            let cos_critical = 1.0 - 1.0 / (self.eta * self.eta);
             let a = c - s * bx;
             let (pair, real) = roots(
-                s * s * dx * dx - critical,
-                -2.0 * (a * s * dx + critical * along),
-                a * a - critical * (1.0 + square),
+                s * s * dx * dx - cos_critical,
+                -2.0 * (a * s * dx + cos_critical * along),
+                a * a - cos_critical * (1.0 + square),
             );
-            keep(pair, real);
+            if real {
+                critical = pair;
+            }
+            at.extend(pair);
             // Refracted along the horizon: η²c²(1 + x² + q²) − 2η²c·a − (1 − η²) = 0.
             let e = self.eta * self.eta;
-            keep(
-                roots(
-                    e * c * c,
-                    2.0 * e * c * (c * along + s * dx),
-                    e * c * c * (1.0 + square) - 2.0 * e * c * a - (1.0 - e),
-                )
-                .0,
-                false,
+            let horizon = roots(
+                e * c * c,
+                2.0 * e * c * (c * along + s * dx),
+                e * c * c * (1.0 + square) - 2.0 * e * c * a - (1.0 - e),
             );
+            at.extend(horizon.0);
         }
-        found.sort_by(|a, b| a.at.total_cmp(&b.at));
-        found.dedup_by(|next, kept| {
-            let same = next.at - kept.at < 1e-12 * self.facets.slope_sd;
-            kept.critical |= same && next.critical;
-            same
-        });
-        found
-    }
-
-    /// Gauss–Legendre on one segment, with r = r_c ± u² next to a critical angle on its refracting side.
-    fn segment(&self, theta: f64, part: Part, line: &Line, from: Break, to: Break, add: &mut impl FnMut(f64, f64)) {
-        let length = to.at - from.at;
-        if length <= 0.0 {
-            return;
-        }
-        let (s, c) = theta.sin_cos();
-        let point = |r: f64| (line.base.0 + r * line.dir.0, line.base.1 + r * line.dir.1);
-        let middle = point(0.5 * (from.at + to.at));
-        let refracts = self.meet(s, c, middle.0, middle.1).1.is_some();
-        if refracts && from.critical && to.critical {
-            let half = Break { at: 0.5 * (from.at + to.at), critical: false };
-            self.segment(theta, part, line, from, half, add);
-            self.segment(theta, part, line, half, to, add);
-            return;
-        }
-        let mut turn = 0.0;
-        const PROBES: i32 = 6;
-        for k in 0..PROBES {
-            let at = |k: i32| point(from.at + length * (1e-4 + (1.0 - 2e-4) * f64::from(k) / f64::from(PROBES)));
-            turn += self.rate(theta, part, at(k), at(k + 1)) * length / f64::from(PROBES);
-        }
-        let smooth = 8.0 + self.sampling.reach * 0.25 * length / self.facets.slope_sd;
-        let count = smooth + 0.5 * self.sampling.density * turn;
-        let root = refracts && (from.critical || to.critical);
-        let count = if root { 1.4 * count } else { count };
-        let pieces = (count / LARGEST_SEGMENT_RULE as f64).ceil().max(1.0);
-        let rule = segment_rule((count / pieces).ceil() as usize + if pieces > 1.0 { 8 } else { 0 });
-        for piece in 0..pieces as usize {
-            for (t, w) in rule.nodes.iter().zip(&rule.weights) {
-                let unit = (piece as f64 + 0.5 * (t + 1.0)) / pieces;
-                let w = 0.5 * w / pieces;
-                match (root, from.critical) {
-                    (false, _) => add(from.at + length * unit, length * w),
-                    (true, true) => add(from.at + length * unit * unit, 2.0 * length * unit * w),
-                    (true, false) => add(to.at - length * unit * unit, 2.0 * length * unit * w),
-                }
-            }
-        }
+        at.retain(|r| *r > line.lo && *r < line.hi);
+        at.sort_by(f64::total_cmp);
+        Breaks { at, critical }
     }
 
     /// Adds the outcomes of one facet. `measure` holds the area in slope space that it stands for.
@@ -417,65 +450,42 @@ impl Interface {
             reach = (6.5 * sigma).min(80_f64.to_radians());
         }
         let (lo, hi) = ((-FRAC_PI_2 - theta).max(-reach), (FRAC_PI_2 - theta).min(reach));
-        let mut breaks: Vec<Break> = Vec::new();
-        let mut keep = |at: f64, critical: bool| {
-            if at > lo && at < hi {
-                breaks.push(Break { at, critical });
-            }
-        };
-        keep(0.5 * (FRAC_PI_2 - theta), false);
-        keep(0.5 * (-FRAC_PI_2 - theta), false);
+        let mut at = vec![0.5 * (FRAC_PI_2 - theta), 0.5 * (-FRAC_PI_2 - theta)];
+        let mut critical = [f64::NAN; 2];
         if self.eta > 1.0 {
-            let critical = (1.0 / self.eta).asin();
-            keep(critical - theta, true);
-            keep(-critical - theta, true);
+            let angle = (1.0 / self.eta).asin();
+            critical = [angle - theta, -angle - theta];
+            at.extend(critical);
         }
         // Refracted along the horizon: t − α = ±π/2, so sin t = ±cos α = η sin(θ + α).
         for sign in [1.0, -1.0] {
             let alpha = ((sign / self.eta - theta.sin()) / theta.cos()).atan();
-            keep(alpha, false);
-            keep(alpha - PI, false);
-            keep(alpha + PI, false);
+            at.extend([alpha, alpha - PI, alpha + PI]);
         }
-        breaks.push(Break { at: hi, critical: false });
-        breaks.sort_by(|a, b| a.at.total_cmp(&b.at));
-        let mut from = Break { at: lo, critical: false };
-        for to in breaks {
-            self.tilt_segment(theta, from, to, events);
-            from = to;
-        }
+        at.retain(|alpha| *alpha > lo && *alpha < hi);
+        at.sort_by(f64::total_cmp);
+        let refracts = |alpha: f64| self.eta * (theta + alpha).sin().abs() < 1.0;
+        Breaks { at, critical }.segments(lo, hi, refracts, |from, to, chart| {
+            let mut turn = 0.0;
+            let mut last = chart.at(1e-4).0;
+            for k in 1..=PROBES {
+                let next = chart.at(1e-4 + (1.0 - 2e-4) * f64::from(k) / f64::from(PROBES)).0;
+                turn += self.tilt_turn(theta, last, next);
+                last = next;
+            }
+            let smooth = 8.0 + self.sampling.reach * 0.25 * (to - from) / self.facets.slope_sd;
+            let count = smooth + 0.5 * self.sampling.density * self.sampling.degree * turn;
+            chart.integrate(count, |alpha, weight| self.tilt(theta, alpha, weight, events));
+        });
     }
 
-    fn tilt_segment(&self, theta: f64, from: Break, to: Break, events: &mut Events) {
-        let length = to.at - from.at;
-        if length <= 0.0 {
-            return;
-        }
-        let refracts = self.eta * (theta + 0.5 * (from.at + to.at)).sin().abs() < 1.0;
-        if refracts && from.critical && to.critical {
-            let half = Break { at: 0.5 * (from.at + to.at), critical: false };
-            self.tilt_segment(theta, from, half, events);
-            self.tilt_segment(theta, half, to, events);
-            return;
-        }
-        let root = refracts && (from.critical || to.critical);
-        // The reflected ray turns by 2 per unit of tilt; a ray near the critical angle sweeps up to π/2. The
-        // argument 2θ'/π = cos γ bunches γ towards grazing, so the change of γ is at most about twice as large.
-        let turn = self.sampling.degree * if root { (2.0 * length).max(length.sqrt() * 1.6).min(PI) } else { 2.0 * length };
-        let count = 12.0 + 0.5 * self.sampling.reach * length / self.facets.slope_sd + self.sampling.density * 0.75 * turn;
-        let pieces = (count / LARGEST_SEGMENT_RULE as f64).ceil().max(1.0);
-        let rule = segment_rule((count / pieces).ceil() as usize + if pieces > 1.0 { 8 } else { 0 });
-        for piece in 0..pieces as usize {
-            for (t, w) in rule.nodes.iter().zip(&rule.weights) {
-                let unit = (piece as f64 + 0.5 * (t + 1.0)) / pieces;
-                let w = 0.5 * w / pieces;
-                match (root, from.critical) {
-                    (false, _) => self.tilt(theta, from.at + length * unit, length * w, events),
-                    (true, true) => self.tilt(theta, from.at + length * unit * unit, 2.0 * length * unit * w, events),
-                    (true, false) => self.tilt(theta, to.at - length * unit * unit, 2.0 * length * unit * w, events),
-                }
-            }
-        }
+    /// How far the Legendre angle γ of the reflected or the refracted ray turns between two tilts.
+    fn tilt_turn(&self, theta: f64, from: f64, to: f64) -> f64 {
+        let gamma = |angle: f64| legendre_angle(angle.sin().asin() / FRAC_PI_2);
+        let refraction = |alpha: f64| (self.eta * (theta + alpha).sin()).clamp(-1.0, 1.0).asin() - alpha;
+        let reflected = gamma(theta + 2.0 * from) - gamma(theta + 2.0 * to);
+        let refracted = gamma(refraction(from)) - gamma(refraction(to));
+        reflected.abs().max(refracted.abs())
     }
 
     fn tilt(&self, theta: f64, alpha: f64, measure: f64, events: &mut Events) {

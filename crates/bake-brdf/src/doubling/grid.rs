@@ -71,7 +71,6 @@ pub(super) struct Grid {
     pub(super) theta: Vec<f64>,
     /// Quadrature weights: in μ on (0, 1) (space), in θ on (0, π/2) (plane).
     pub(super) weights: Vec<f64>,
-    sines: Vec<f64>,
     /// \[parity\]: cardinal functions from Legendre moments, ℓ_j = Σ_n to_nodes\[j, n\]·P_n.
     to_nodes: [Mat<f64>; 2],
 }
@@ -97,8 +96,9 @@ impl Grid {
                 to_nodes[1][(j, k)] = cardinal / sines[j];
             });
         }
-        let weights = rule.weights.iter().map(|w| 0.5 * w).collect();
-        Self { geometry: Geometry::Space, theta, weights, sines, to_nodes }
+        let weights: Vec<f64> = rule.weights.iter().map(|w| 0.5 * w).collect();
+        close(&mut to_nodes[0], &weights, 1);
+        Self { geometry: Geometry::Space, theta, weights, to_nodes }
     }
 
     fn plane(n: usize) -> Self {
@@ -110,9 +110,9 @@ impl Grid {
             });
         }
         let theta: Vec<f64> = rule.nodes[n..].iter().map(|t| FRAC_PI_2 * t).collect();
-        let weights = rule.weights[n..].iter().map(|w| FRAC_PI_2 * w).collect();
-        let sines = theta.iter().map(|t| t.sin()).collect();
-        Self { geometry: Geometry::Plane, theta, weights, sines, to_nodes }
+        let weights: Vec<f64> = rule.weights[n..].iter().map(|w| FRAC_PI_2 * w).collect();
+        close(&mut to_nodes[0], &rule.weights[n..], 1);
+        Self { geometry: Geometry::Plane, theta, weights, to_nodes }
     }
 
     pub(super) fn len(&self) -> usize {
@@ -190,10 +190,18 @@ impl Grid {
         }
         sums.iter().zip(&self.weights).map(|(sum, w)| sum / w).collect()
     }
+}
 
-    /// sin θ_j.
-    pub(super) fn sines(&self) -> &[f64] {
-        &self.sines
+/// Takes the rounding out of Σ_j to_nodes\[j, n\] = 0 for n ≥ `first`, which would cost n² ulps of energy at grazing and
+/// at the pole, where all P_n are ±1.
+fn close(to_nodes: &mut Mat<f64>, weights: &[f64], first: usize) {
+    for k in first..to_nodes.ncols() {
+        for _ in 0..2 {
+            let excess: f64 = to_nodes.col(k).iter().sum();
+            for (value, w) in to_nodes.col_mut(k).iter_mut().zip(weights) {
+                *value -= w * excess;
+            }
+        }
     }
 }
 
