@@ -4,11 +4,15 @@
 //! hard case; [`dense`] does many wavelengths and angles at once, fast; [`colour`] turns spectra into colours.
 #![doc = include_str!("conventions.md")]
 
+pub mod field;
 pub mod material;
 mod scaled;
 mod scattering;
 pub mod reference_case;
+pub mod stack;
 pub mod wave;
 
 pub use material::{Dispersion, Material, MaterialError};
+pub use field::Field;
+pub use stack::{Gain, Indices, Stack, StackError, StackLayer, StackRun};
 pub use wave::{Incidence, Layer, Multilayer, Polarisation, Response, Run, WaveError};

@@ -271,7 +271,7 @@ impl LayerMatrix {
 }
 
 /// (e^-b cos δ, e^-b sin δ/δ), b = Im δ ≥ 0.
-fn cos_and_sinc(delta: Complex64) -> (Complex64, Complex64) {
+pub(crate) fn cos_and_sinc(delta: Complex64) -> (Complex64, Complex64) {
     let (a, b) = (delta.re, delta.im);
     let (sin, cos) = a.sin_cos();
     let less = -(-2.0 * b).exp_m1() / 2.0; // (1 − e^-2b)/2
@@ -459,20 +459,23 @@ impl Multilayer {
             Complex64::new(amplitude * inverse.mantissa.norm_sqr(), 0.0),
             2 * inverse.exponent,
         );
-        let transmittance = power.value().re;
-        let mut reflectance = r.norm_sqr();
         let lossless = self.is_lossless();
-        // Energy conservation has the digits of R where R is close to 1.
-        if lossless && transmittance < 0.5 {
-            reflectance = 1.0 - transmittance;
-        }
+        let (reflectance, transmittance, ln_transmittance) = if lossless {
+            // Flux conservation says |q₀B + C|² = |q₀B − C|² + 4 q₀ Re q_sub. Dividing by the right-hand side keeps
+            // R + T = 1 to the last digit, R where it is small and T where it is small.
+            let reflected = r.norm_sqr();
+            let whole = reflected + power.value().re;
+            (reflected / whole, power.value().re / whole, power.ln_abs() - whole.ln())
+        } else {
+            (r.norm_sqr(), power.value().re, power.ln_abs())
+        };
         let response = Response {
             r,
             t: t.value(),
             ln_abs_t: t.ln_abs(),
             reflectance,
             transmittance,
-            ln_transmittance: power.ln_abs(),
+            ln_transmittance,
             absorptance: if lossless { 0.0 } else { 1.0 - reflectance - transmittance },
         };
         response.is_finite().then_some(response).ok_or(WaveError::Unbounded)
