@@ -14,7 +14,7 @@ use std::ops::Range;
 
 use self::draws::{Normal, Stream, TiltSinCos};
 use self::drive::Job;
-use self::event::{ALTERNATING, Constants, EXPLICIT, PERIODIC, PLANE, PLANE_WIDE, Problem, SPACE};
+use self::event::{ALTERNATING, CROSSING, Constants, EXPLICIT, HALVINGS, PERIODIC, Problem, SPACE};
 use self::real::Real;
 pub use self::simd::SimdLevel;
 use super::Exit;
@@ -134,10 +134,10 @@ impl Walker {
             return Err(WalkError::Simd(level));
         }
         let sd = transport.facets.slope_sd;
+        let reaches = |&h: &u8| sd * Normal::MAX <= TiltSinCos::<f64>::REACH * f64::from(1 << h);
         let shape = match geometry {
             Geometry::Space => SPACE,
-            Geometry::Plane if sd * Normal::MAX <= TiltSinCos::<f32>::REACH => PLANE,
-            Geometry::Plane => PLANE_WIDE,
+            Geometry::Plane => 1 + HALVINGS.into_iter().find(reaches).ok_or(WalkError::SlopeSd(sd))?,
         };
         let variant = Variant {
             shape,
@@ -186,7 +186,7 @@ impl Walker {
             cos_i: libm::cos(theta_i),
             stream: Stream::new(seed, theta_i),
             paths,
-            event_cap: event_cap.clamp(1, u32::MAX / 2),
+            event_cap: event_cap.clamp(1, u32::MAX / CROSSING - 1),
         };
         match &self.problem {
             Either::F32(problem) => run(self.level, self.variant, problem, &job, out),
@@ -274,8 +274,9 @@ fn run<R: Real>(
 ) -> u64 {
     match variant.shape {
         SPACE => shaped::<R, SPACE>(level, variant, problem, job, out),
-        PLANE => shaped::<R, PLANE>(level, variant, problem, job, out),
-        _ => shaped::<R, PLANE_WIDE>(level, variant, problem, job, out),
+        1 => shaped::<R, 1>(level, variant, problem, job, out),
+        3 => shaped::<R, 3>(level, variant, problem, job, out),
+        _ => shaped::<R, 6>(level, variant, problem, job, out),
     }
 }
 

@@ -161,43 +161,33 @@ fn horner<R: Real, const N: usize>(coefficients: &[R; N], x: R) -> R {
     sum
 }
 
-/// sin α/α and cos α in α² on |α| ≤ 0.8, minimax, |error| < 2·10⁻⁹ and 6·10⁻¹¹.
+/// sin α/α and cos α in α² on |α| ≤ 0.27, minimax, |error| < 4·10⁻¹⁰ and 2·10⁻⁸.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TiltSinCos<R> {
-    sin: [R; 4],
-    cos: [R; 5],
+    sin: [R; 3],
+    cos: [R; 3],
 }
 
 impl<R: Real> TiltSinCos<R> {
-    /// Largest |α| of the polynomials.
-    pub(crate) const REACH: f64 = 0.8;
+    /// Largest |α| (radians) with no halvings; each halving doubles it.
+    pub(crate) const REACH: f64 = 0.27;
 
     pub(crate) fn new() -> Self {
         Self {
-            sin: [9.999999839938e-01, -1.666663327553e-01, 8.331451720070e-03, -1.944801631009e-04]
-                .map(R::from_f64),
-            cos: [
-                9.999999999430e-01,
-                -4.999999955459e-01,
-                4.166661092960e-02,
-                -1.388644662254e-03,
-                2.436423323464e-05,
-            ]
-            .map(R::from_f64),
+            sin: [9.999_999_916_104e-1, -1.666_657_457_094e-1, 8.308_054_673_418e-3].map(R::from_f64),
+            cos: [9.999_999_832_286e-1, -4.999_958_571_152e-1, 4.151_503_033_840e-2].map(R::from_f64),
         }
     }
 
-    /// (sin α, cos α). With `WIDE`, |α| may be eight times [`Self::REACH`].
+    /// (sin α, cos α), from the polynomials at α/2ʰ and h double-angle steps, h = `halvings`.
     #[inline(always)]
-    pub(crate) fn of<const WIDE: bool>(&self, alpha: R) -> (R, R) {
-        let alpha = if WIDE { alpha * R::from_f64(0.125) } else { alpha };
+    pub(crate) fn of(&self, alpha: R, halvings: u8) -> (R, R) {
+        let alpha = if halvings == 0 { alpha } else { alpha * R::from_f64(1.0 / f64::from(1 << halvings)) };
         let z = alpha * alpha;
         let (mut s, mut c) = (alpha * horner(&self.sin, z), horner(&self.cos, z));
-        if WIDE {
-            for _ in 0..3 {
-                let double = s + s;
-                (s, c) = (double * c, R::ONE - double * s);
-            }
+        for _ in 0..halvings {
+            let double = s + s;
+            (s, c) = (double * c, (-double).mul_add(s, R::ONE));
         }
         (s, c)
     }

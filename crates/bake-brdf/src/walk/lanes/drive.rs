@@ -3,13 +3,13 @@
 use std::ops::Range;
 
 use super::draws::{Generator, Pair, Stream, uniform};
-use super::event::{Ahead, EXPLICIT, Facet, Problem, Ray, SPACE};
+use super::event::{Ahead, CROSSING, ENTERED, EXPLICIT, Facet, Problem, Ray, SPACE};
 use super::real::Real;
 use crate::walk::{Exit, Fate};
 
 /// Paths that one sweep moves on by one event (two in the plane): enough independent chains to hide the latency of
 /// the square root and the division, few enough to stay in the first-level cache.
-const LANES: usize = 64;
+const LANES: usize = 128;
 /// Lanes are dropped by the block when paths run out.
 const BLOCK: usize = 16;
 /// Slot of a lane that carries no path.
@@ -157,8 +157,8 @@ impl<R: Real> Lanes<R> {
         let depth = ray.depth.to_f64();
         let fate = if ray.interface < 0 {
             match ray.met {
-                2 => Fate::Single,
-                met if met % 2 == 0 => Fate::Rehit,
+                CROSSING => Fate::Single,
+                met if met & ENTERED == 0 => Fate::Rehit,
                 _ => Fate::Interior,
             }
         } else if ray.interface > problem.constants.last {
@@ -180,7 +180,6 @@ impl<R: Real> Lanes<R> {
     fn sweep<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
         &mut self,
         problem: &Problem<R>,
-        event_cap: u32,
         count: usize,
     ) -> bool {
         let count = count.min(LANES);
@@ -188,14 +187,14 @@ impl<R: Real> Lanes<R> {
         if STACK == EXPLICIT {
             self.look_ahead(problem, count);
         }
-        let ended = self.meet::<SHAPE, VISIBLE, ABSORB, STACK, false>(problem, event_cap, count);
+        let ended = self.meet::<SHAPE, VISIBLE, ABSORB, STACK, false>(problem, count);
         if SHAPE == SPACE {
             return ended;
         }
         if STACK == EXPLICIT {
             self.look_ahead(problem, count);
         }
-        self.meet::<SHAPE, VISIBLE, ABSORB, STACK, true>(problem, event_cap, count)
+        self.meet::<SHAPE, VISIBLE, ABSORB, STACK, true>(problem, count)
     }
 
     /// Draws the random numbers of a sweep.
@@ -238,11 +237,10 @@ impl<R: Real> Lanes<R> {
     fn meet<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8, const SECOND: bool>(
         &mut self,
         problem: &Problem<R>,
-        event_cap: u32,
         count: usize,
     ) -> bool {
         let constants = problem.constants;
-        let (cap, half) = (2 * event_cap, usize::from(SECOND));
+        let half = usize::from(SECOND);
         let mut any = 0;
         for lane in 0..count {
             let ray = self.get(lane);
@@ -261,14 +259,29 @@ impl<R: Real> Lanes<R> {
             let weight = self.weights[half][lane];
             let takes = |a: R| !rests & (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, tilt, a, weight));
             let ray = constants.meet::<SHAPE, ABSORB>(ray, facet, ahead, self.choices[half][lane], takes);
-            let cut = ray.met >= cap;
             let absorbed = ABSORB && ray.depth > self.limit[lane];
-            let done = -i32::from(constants.is_out(&ray) | cut | absorbed);
+            let done = -i32::from(constants.is_out(&ray) | absorbed);
             any |= done;
             self.done[lane] = done;
             self.set::<ABSORB>(lane, ray);
         }
         any != 0
+    }
+
+    /// Ends the paths that have reached the cap, and says how many sweeps from now it is worth to look again: a sweep
+    /// adds two crossings at most, and a new path starts from none.
+    #[inline(never)]
+    fn cut(&mut self, event_cap: u32) -> u32 {
+        let mut most = 0;
+        for lane in 0..LANES {
+            let crossings = self.met[lane] / CROSSING;
+            if crossings >= event_cap {
+                self.done[lane] = -1;
+            } else if self.slot[lane] != IDLE {
+                most = most.max(crossings);
+            }
+        }
+        (event_cap - most).div_ceil(2)
     }
 
     #[inline(always)]
@@ -299,9 +312,16 @@ pub(crate) fn walk<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: 
         live += 1;
     }
     let mut crossings = 0;
+    let mut until_cut = lanes.cut(job.event_cap);
     while live > 0 {
         let count = live.next_multiple_of(BLOCK);
-        if !lanes.sweep::<SHAPE, VISIBLE, ABSORB, STACK>(problem, job.event_cap, count) {
+        let mut any = lanes.sweep::<SHAPE, VISIBLE, ABSORB, STACK>(problem, count);
+        until_cut -= 1;
+        if until_cut == 0 {
+            until_cut = lanes.cut(job.event_cap);
+            any = true;
+        }
+        if !any {
             continue;
         }
         // From the last lane down, so that the lane that fills a gap has been looked at already.
@@ -317,7 +337,7 @@ pub(crate) fn walk<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: 
                     lanes.rest(lane, problem);
                     continue;
                 }
-                crossings += u64::from(lanes.met[lane] / 2);
+                crossings += u64::from(lanes.met[lane] / CROSSING);
                 out[lanes.slot[lane]] = lanes.exit(lane, problem);
                 if let Some(path) = paths.next() {
                     lanes.start::<ABSORB>(lane, job, path);

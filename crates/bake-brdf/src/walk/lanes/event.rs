@@ -5,12 +5,11 @@ use std::hint::select_unpredictable as choose;
 use super::draws::{Normal, TiltSinCos};
 use super::real::Real;
 
-/// The walk's frame at compile time: which geometry, and how far plane tilts reach.
+/// The geometry of a walk at compile time: [`SPACE`], or 1 + h for a plane walk whose tilts need h halvings
+/// (see [`TiltSinCos::of`]).
 pub(crate) const SPACE: u8 = 0;
-/// Plane tilts within [`TiltSinCos::REACH`].
-pub(crate) const PLANE: u8 = 1;
-/// Plane tilts of any size.
-pub(crate) const PLANE_WIDE: u8 = 2;
+/// Halvings that plane walks are compiled for: σ up to 2.3°, 9.2° and 74°.
+pub(crate) const HALVINGS: [u8; 3] = [0, 2, 5];
 
 /// The constants of a walk.
 #[derive(Clone, Debug)]
@@ -59,7 +58,7 @@ pub(crate) struct Ray<R> {
     pub(crate) interface: i32,
     /// +1 heading down, −1 heading up.
     pub(crate) step: i32,
-    /// Twice the crossings so far, plus 1 once it has entered the stack.
+    /// Four times the crossings so far, and [`ENTERED`].
     pub(crate) met: u32,
     /// Optical depth so far.
     pub(crate) depth: R,
@@ -71,6 +70,11 @@ pub(crate) const PERIODIC: u8 = 0;
 pub(crate) const ALTERNATING: u8 = 1;
 /// Any list of layers: looked up.
 pub(crate) const EXPLICIT: u8 = 2;
+
+/// One crossing in [`Ray::met`].
+pub(crate) const CROSSING: u32 = 4;
+/// Flag in [`Ray::met`]: the path has been refracted, so it has entered the stack.
+pub(crate) const ENTERED: u32 = 2;
 
 /// A facet, its normal (x, y, −z) not normalised.
 #[derive(Clone, Copy, Debug)]
@@ -94,7 +98,7 @@ impl<R: Real> Facet<R> {
     #[inline(always)]
     pub(crate) fn tilted<const SHAPE: u8>(alpha: f32, tilt: &TiltSinCos<R>) -> Self {
         let alpha = R::from_f32(alpha);
-        let (x, z) = if SHAPE == PLANE_WIDE { tilt.of::<true>(alpha) } else { tilt.of::<false>(alpha) };
+        let (x, z) = tilt.of(alpha, SHAPE - 1);
         Self { x, y: R::ZERO, z, square: R::ONE }
     }
 }
@@ -109,6 +113,10 @@ pub(crate) struct Ahead<R> {
     /// Optical depth of the layer behind the interface.
     pub(crate) beyond: R,
 }
+
+/// Half the scale of [`uniform`](super::draws::uniform), a part in 10⁷ above it so that rounding can never refract
+/// light past the critical angle.
+const HALF_SCALE: f64 = 1_073_742_080.0;
 
 impl<R: Real> Problem<R> {
     /// The interface ahead, in any stack.
@@ -176,7 +184,9 @@ impl<R: Real> Constants<R> {
         } else {
             (-ray.x).mul_add(facet.x, ray.z * facet.z)
         };
-        let faces = (a >= R::ZERO) & takes(a);
+        // A facet that is refused becomes a grazing one: it reflects, and adds twice nothing to the direction.
+        let a = choose((a > R::ZERO) & takes(a), a, R::ZERO);
+        let faces = a > R::ZERO;
         let scaled = a * ratio;
         let square = scaled.mul_add(scaled, if space { facet.square * contrast } else { contrast });
         let b = choose(square > R::ZERO, square, R::ZERO).sqrt();
@@ -185,24 +195,23 @@ impl<R: Real> Constants<R> {
         let (pd, pn) = (ratio.mul_add(b, a), (-ratio).mul_add(b, a));
         let (both, s, p) = (sd * pd, sn * pd, pn * sd);
         let needed = R::from_f32(choice) * both * both;
-        let reflects = !faces | (needed <= R::from_f64(1_073_741_824.0) * s.mul_add(s, p * p));
+        let reflects = needed <= R::from_f64(HALF_SCALE) * s.mul_add(s, p * p);
         let along = choose(reflects, R::ONE, ratio);
         let normal = choose(reflects, a + a, sn);
         let normal = if space { normal / facet.square } else { normal };
-        let normal = choose(faces, normal, R::ZERO);
         let z = ray.z.mul_add(along, -(if space { normal } else { normal * facet.z }));
         let turns = faces & (z <= R::ZERO);
         // Reflected upwards or refracted onwards, the ray crosses a layer; else it meets the same interface again.
         let crosses = reflects == turns;
         let step = choose(turns, -ray.step, ray.step);
-        let met = ray.met + choose(faces, 2, 0);
+        let met = ray.met + choose(faces, CROSSING, 0);
         let mut next = Ray {
             x: ray.x.mul_add(along, normal * facet.x),
             y: if space { ray.y.mul_add(along, normal * facet.y) } else { ray.y },
             z: z.abs(),
             interface: choose(crosses, ray.interface + step, ray.interface),
             step,
-            met: choose(reflects, met, met | 1),
+            met: choose(reflects, met, met | ENTERED),
             depth: ray.depth,
         };
         if ABSORB {
