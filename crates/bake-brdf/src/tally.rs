@@ -130,10 +130,16 @@ impl Tally {
         }
     }
 
+    /// Cells per component.
+    #[must_use]
+    pub const fn cells(&self) -> usize {
+        self.cells.len() / COMPONENTS
+    }
+
     /// Adds one chunk: the exits of at most [`CHUNK`] consecutive paths, in path order.
     pub fn add_chunk(&mut self, cells: &Cells, exits: &[Exit]) {
         debug_assert!(exits.len() as u64 <= CHUNK);
-        let count = self.cells.len() / COMPONENTS;
+        let count = self.cells();
         let mut weighted = [0.0_f64; 4];
         let mut squared = [0.0_f64; 7];
         for exit in exits {
@@ -319,7 +325,7 @@ impl Tally {
     /// Expectation and standard deviation of the total variation. For a normal deviate of standard deviation σ,
     /// |x| has variance (1 − 2/π)σ².
     fn total_variation(&self) -> (f64, f64) {
-        let count = self.cells.len() / COMPONENTS;
+        let count = self.cells();
         let total = self.reflected_share().weight as f64;
         if total == 0.0 {
             return (1.0, 0.0);
@@ -345,7 +351,7 @@ impl Tally {
     /// Share of the incident light that left the top through each cell, all components.
     #[must_use]
     pub fn reflected_shares(&self) -> Vec<f64> {
-        let count = self.cells.len() / COMPONENTS;
+        let count = self.cells();
         let weight = |cell: usize| (0..COMPONENTS).map(|c| self.cells[c * count + cell].weight).sum::<u64>();
         (0..count).map(|cell| weight(cell) as f64 / WEIGHT_ONE / self.paths as f64).collect()
     }
@@ -353,7 +359,7 @@ impl Tally {
     /// Share of the incident light, its standard error and count per cell of one component.
     #[must_use]
     pub fn component(&self, component: Component) -> CellShares {
-        let count = self.cells.len() / COMPONENTS;
+        let count = self.cells();
         let mut shares = CellShares::default();
         for cell in 0..count {
             let mut share = Share::default();

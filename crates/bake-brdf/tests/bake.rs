@@ -8,7 +8,11 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 fn tool(folder: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_bake-brdf")).current_dir(folder).args(args).output().expect("the tool starts")
+    Command::new(env!("CARGO_BIN_EXE_bake-brdf"))
+        .current_dir(folder)
+        .args(args)
+        .output()
+        .expect("the tool starts")
 }
 
 fn bake(folder: &Path, args: &[&str]) -> Table {
@@ -101,7 +105,8 @@ fn an_incidence_does_not_know_its_neighbours() {
 #[test]
 fn the_reader_returns_the_walks_albedo_and_normal_incidence_has_no_azimuth() {
     for mode in ["decay", "walk"] {
-        let table = bake_recipe("{}", &["--paths", "20000", "--incident-deg", "0,30,60,85", "--azimuth", mode]);
+        let table =
+            bake_recipe("{}", &["--paths", "20000", "--incident-deg", "0,30,60,85", "--azimuth", mode]);
         let reader = Interpolant::new(table.clone());
         for summary in &table.meta.per_incidence {
             let row = reader.row(summary.theta_i_deg.to_radians());
@@ -111,19 +116,27 @@ fn the_reader_returns_the_walks_albedo_and_normal_incidence_has_no_azimuth() {
                 let theta_o = FRAC_PI_2 * (f64::from(i) + 0.5) / f64::from(n);
                 for j in 0..m {
                     let phi = PI * (f64::from(j) + 0.5) / f64::from(m);
-                    let value = row.eval(Component::Interior, theta_o, phi) + row.eval(Component::Surface, theta_o, phi);
+                    let value = row.eval(Component::Interior, theta_o, phi)
+                        + row.eval(Component::Surface, theta_o, phi);
                     integral += value * theta_o.sin();
                 }
             }
             integral *= PI * PI / f64::from(n * m);
             // The midpoint rule itself errs by about 1e-4 on a lobe with kinks at its cells.
             let albedo = summary.albedo;
-            assert!((integral / albedo - 1.0).abs() < 1e-3, "{mode} {}: {integral} {albedo}", summary.theta_i_deg);
+            assert!(
+                (integral / albedo - 1.0).abs() < 1e-3,
+                "{mode} {}: {integral} {albedo}",
+                summary.theta_i_deg
+            );
         }
         for theta_o in [0.01_f64, 0.1, 0.3, 1.0] {
             let at = |phi: f64| reader.eval(Component::Interior, 0.0, theta_o, phi);
             for phi in [0.4, 1.6, 3.0, PI] {
-                assert!((at(phi) / at(0.0) - 1.0).abs() < 1e-6, "{mode}: f depends on azimuth at normal incidence");
+                assert!(
+                    (at(phi) / at(0.0) - 1.0).abs() < 1e-6,
+                    "{mode}: f depends on azimuth at normal incidence"
+                );
             }
         }
     }
@@ -167,7 +180,8 @@ fn bad_input_is_one_line_and_exit_2_and_harms_nothing() {
         assert_refused(folder.path(), args);
     }
     assert_eq!(std::fs::read(&kept).unwrap(), b"precious");
-    let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    let left: Vec<_> =
+        std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(left.len(), 3, "a refused bake leaves nothing behind: {left:?}");
 }
 
@@ -222,7 +236,10 @@ fn the_report_is_one_json_object_with_a_schema() {
     let folder = folder();
     for (args, schema) in [
         (&["--paths", "3000", "--incident-deg", "30", "--json"][..], "bake-report/1"),
-        (&["--dry-run", "--accuracy", "5", "--incident-deg", "30", "--json", "-o", "dry.exr"], "bake-forecast/1"),
+        (
+            &["--dry-run", "--accuracy", "5", "--incident-deg", "30", "--json", "-o", "dry.exr"],
+            "bake-forecast/1",
+        ),
     ] {
         let output = tool(folder.path(), args);
         let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -230,7 +247,10 @@ fn the_report_is_one_json_object_with_a_schema() {
     }
     assert!(!folder.path().join("dry.exr").exists());
     let schema = tool(folder.path(), &["schema"]);
-    assert!(serde_json::from_slice::<serde_json::Value>(&schema.stdout).unwrap()["properties"]["stack"].is_object());
+    assert!(
+        serde_json::from_slice::<serde_json::Value>(&schema.stdout).unwrap()["properties"]["stack"]
+            .is_object()
+    );
 }
 
 #[test]
@@ -240,7 +260,8 @@ fn every_shipped_recipe_bakes() {
     for entry in std::fs::read_dir(recipes).unwrap() {
         let path = entry.unwrap().path();
         let folder = folder();
-        let table = bake(folder.path(), &[path.to_str().unwrap(), "--paths", "500", "--incident-deg", "0,60"]);
+        let table =
+            bake(folder.path(), &[path.to_str().unwrap(), "--paths", "500", "--incident-deg", "0,60"]);
         let name = table.meta.recipe["name"].as_str().unwrap().to_owned();
         assert_eq!(Some(name.as_str()), path.file_stem().and_then(|stem| stem.to_str()));
         assert!(!table.meta.recipe["sources"].as_object().unwrap().is_empty(), "{name} cites no source");

@@ -74,7 +74,8 @@ fn cargo(args: &[&str]) -> Command {
 fn step(name: &str, mut command: Command) -> Result<()> {
     println!("\n== {name}");
     let started = Instant::now();
-    let status = command.status().with_context(|| format!("{name}: cannot start {:?}", command.get_program()))?;
+    let status =
+        command.status().with_context(|| format!("{name}: cannot start {:?}", command.get_program()))?;
     if !status.success() {
         bail!("{name} failed ({status})");
     }

@@ -44,19 +44,28 @@ fn llvm() -> Result<()> {
             return Ok(());
         }
     }
-    bail!("the checks against Mitsuba need libLLVM {OLDEST_LLVM} or newer (Debian: apt-get install libllvm19), or DRJIT_LIBLLVM_PATH")
+    bail!(
+        "the checks against Mitsuba need libLLVM {OLDEST_LLVM} or newer (Debian: apt-get install libllvm19), or DRJIT_LIBLLVM_PATH"
+    )
 }
 
 fn llvm_found() -> bool {
     if std::env::var_os("DRJIT_LIBLLVM_PATH").is_some() {
         return true;
     }
-    let folders = ["/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib", "/usr/local/lib"];
+    let folders = [
+        "/usr/lib/x86_64-linux-gnu",
+        "/usr/lib/aarch64-linux-gnu",
+        "/usr/lib64",
+        "/usr/lib",
+        "/usr/local/lib",
+    ];
     folders.iter().any(|folder| newest_llvm(Path::new(folder)).is_some_and(|version| version >= OLDEST_LLVM))
 }
 
 fn newest_llvm(folder: &Path) -> Option<u32> {
-    let names = std::fs::read_dir(folder).ok()?.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let names =
+        std::fs::read_dir(folder).ok()?.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
     let version = |name: String| {
         let rest = name.strip_prefix("libLLVM-").or_else(|| name.strip_prefix("libLLVM.so."))?.to_owned();
         rest.chars().take_while(char::is_ascii_digit).collect::<String>().parse().ok()

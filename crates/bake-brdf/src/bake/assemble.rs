@@ -12,7 +12,12 @@ use lut_io::table::{
 };
 
 /// The table of a finished walk.
-pub(super) fn walk_table(request: &Request, transport: &Transport, axis: &ExitAxis, sampling: &Sampling) -> Table {
+pub(super) fn walk_table(
+    request: &Request,
+    transport: &Transport,
+    axis: &ExitAxis,
+    sampling: &Sampling,
+) -> Table {
     let mut table = Table {
         meta: meta(request, transport, axis, sampling),
         interior: Lobe::default(),
@@ -118,7 +123,9 @@ fn symmetrise(axis: &ExitAxis, extents: &[f64], shares: &mut CellShares) {
     let rows = axis.rows_per_incidence();
     let groups: Vec<Vec<usize>> = match axis {
         ExitAxis::Plane { .. } => (0..columns / 2).map(|k| vec![k, columns - 1 - k]).collect(),
-        ExitAxis::Space { .. } => (0..columns).map(|k| (0..rows).map(|row| row * columns + k).collect()).collect(),
+        ExitAxis::Space { .. } => {
+            (0..columns).map(|k| (0..rows).map(|row| row * columns + k).collect()).collect()
+        }
     };
     for group in groups {
         let share: f64 = group.iter().map(|&k| shares.share[k]).sum();
@@ -157,7 +164,8 @@ fn interpolation_error(axis: &ExitAxis, tallies: &[Tally], summaries: &[Incidenc
             let extents = measure::cell_extents(axis, theta_i);
             let share = tally.reflected_shares();
             let total: f64 = share.iter().sum();
-            let density = share.iter().zip(&extents).map(|(s, e)| s / e / total.max(f64::MIN_POSITIVE)).collect();
+            let density =
+                share.iter().zip(&extents).map(|(s, e)| s / e / total.max(f64::MIN_POSITIVE)).collect();
             (theta_i, density, extents, tally.total_variation_error())
         })
         .collect();

@@ -2,13 +2,16 @@
 
 mod assemble;
 pub mod sampling;
+pub mod snapshot;
 
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
 use crate::tally::Tally;
 use crate::transport::{Geometry, Transport};
 use lut_io::axis::{ExitAxis, MAX_WIDTH};
 use lut_io::table::Table;
-use sampling::Sampling;
+use sampling::{Sampling, Shard, State};
+use serde::{Deserialize, Serialize};
+use snapshot::Snapshot;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
@@ -26,7 +29,7 @@ const NARROWEST: f64 = 1e-6;
 pub const DEFAULT_EVENT_CAP: u32 = 10_000_000;
 
 /// When a bake is finished.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Target {
     /// Total variation of the lobe, per cent of the reflected light, at the worst incidence.
     AccuracyPercent(f64),
@@ -74,6 +77,25 @@ pub struct Observer<'a> {
     pub progress: &'a (dyn Fn(&Progress<'_>) + Sync),
     /// Called once when the pilot is through, with the seconds the rest is expected to take.
     pub forecast: &'a (dyn Fn(f64) + Sync),
+    /// Where states go from time to time.
+    pub checkpoint: Option<Checkpoint<'a>>,
+}
+
+impl Observer<'_> {
+    /// Watches nothing.
+    #[must_use]
+    pub const fn idle() -> Self {
+        static NEVER: AtomicBool = AtomicBool::new(false);
+        Self { stop: &NEVER, progress: &|_| (), forecast: &|_| (), checkpoint: None }
+    }
+}
+
+/// Keeps the state of a bake from time to time.
+pub struct Checkpoint<'a> {
+    /// Least time between two states.
+    pub every: Duration,
+    /// Takes a state.
+    pub keep: &'a (dyn Fn(&State) + Sync),
 }
 
 /// How far a bake is.
@@ -128,7 +150,9 @@ impl Request {
             return refuse("incident-deg: an empty list; give at least one angle from 0 to 90".to_owned());
         }
         if let Some(angle) = self.incident_deg.iter().find(|angle| !(0.0..=90.0).contains(*angle)) {
-            return refuse(format!("incident-deg: {angle} is not an angle of incidence; expected 0 to 90 degrees"));
+            return refuse(format!(
+                "incident-deg: {angle} is not an angle of incidence; expected 0 to 90 degrees"
+            ));
         }
         if self.incident_deg.windows(2).any(|pair| pair[0] >= pair[1]) {
             return refuse("incident-deg: angles must ascend and differ".to_owned());
@@ -137,13 +161,12 @@ impl Request {
             return refuse("event-cap: 0 events would walk nothing; give at least 1".to_owned());
         }
         match self.target {
-            Target::AccuracyPercent(percent) if !(percent > 0.0 && percent <= 100.0) => {
-                refuse(format!("accuracy: {percent} is not a share; expected more than 0 and at most 100 per cent"))
-            }
-            Target::Paths(paths) if !(1..=sampling::MAX_PATHS).contains(&paths) => refuse(format!(
-                "paths: {paths} per incidence; expected 1 to {}",
-                sampling::MAX_PATHS
+            Target::AccuracyPercent(percent) if !(percent > 0.0 && percent <= 100.0) => refuse(format!(
+                "accuracy: {percent} is not a share; expected more than 0 and at most 100 per cent"
             )),
+            Target::Paths(paths) if !(1..=sampling::MAX_PATHS).contains(&paths) => {
+                refuse(format!("paths: {paths} per incidence; expected 1 to {}", sampling::MAX_PATHS))
+            }
             Target::Time(budget) if budget.is_zero() => {
                 refuse("time-budget: 0 seconds; expected more".to_owned())
             }
@@ -168,29 +191,54 @@ impl Request {
         Ok(self.recipe.transport(self.recipe.wavelength())?)
     }
 
-    fn sampling(&self) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
+    fn sampling(&self, shard: Shard) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
         self.check()?;
         let transport = self.transport()?;
         let geometry = self.geometry();
         let axis = exit_axis(geometry, transport.facets.slope_sd);
         let theta_i: Vec<f64> = self.incident_deg.iter().map(|angle| angle.to_radians()).collect();
-        let sampling = Sampling::new(&transport, geometry, &axis, &theta_i, self.seed, self.event_cap)?;
+        let sampling =
+            Sampling::new(&transport, geometry, &axis, &theta_i, self.seed, self.event_cap, shard)?;
         Ok((sampling, transport, axis))
     }
 }
 
-/// Bakes with the Monte Carlo walk.
+/// Bakes with the Monte Carlo walk; goes on from `resume` where that is given. A bake that is interrupted hands its
+/// last whole state to the observer's checkpoint.
 ///
 /// # Errors
-/// A bad request, or an observer that asked to stop.
-pub fn walk(request: &Request, observer: &Observer<'_>) -> Result<Table, BakeError> {
-    let (mut sampling, transport, axis) = request.sampling()?;
-    match request.target {
-        Target::AccuracyPercent(percent) => sampling.walk_to_accuracy(percent / 100.0, observer)?,
-        Target::Paths(paths) => sampling.walk_to_paths(paths, observer)?,
-        Target::Time(budget) => sampling.walk_for(budget, observer)?,
+/// A bad request, a state of another bake, or an observer that asked to stop.
+pub fn walk(
+    request: &Request,
+    observer: &Observer<'_>,
+    resume: Option<Snapshot>,
+) -> Result<Table, BakeError> {
+    let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    let result = walk_target(request, &mut sampling, observer, resume);
+    if let (Err(BakeError::Interrupted), Some(checkpoint)) = (&result, &observer.checkpoint) {
+        (checkpoint.keep)(&sampling.state());
     }
+    result?;
     Ok(assemble::walk_table(request, &transport, &axis, &sampling))
+}
+
+fn walk_target(
+    request: &Request,
+    sampling: &mut Sampling,
+    observer: &Observer<'_>,
+    resume: Option<Snapshot>,
+) -> Result<(), BakeError> {
+    if let Some(snapshot) = resume {
+        Snapshot::new(request, Shard::WHOLE, sampling.state())
+            .same_bake(&snapshot)
+            .map_err(|why| BakeError::Input(format!("the checkpoint {why}")))?;
+        sampling.resume(snapshot.state, observer)?;
+    }
+    match request.target {
+        Target::AccuracyPercent(percent) => sampling.walk_to_accuracy(percent / 100.0, observer),
+        Target::Paths(paths) => sampling.walk_to_paths(paths, observer),
+        Target::Time(budget) => sampling.walk_for(budget, observer),
+    }
 }
 
 /// What a bake would cost, from a pilot of a few thousand paths per incidence.
@@ -209,7 +257,7 @@ pub struct Forecast {
 /// # Errors
 /// As [`walk`].
 pub fn forecast(request: &Request, observer: &Observer<'_>) -> Result<Forecast, BakeError> {
-    let (mut sampling, _, axis) = request.sampling()?;
+    let (mut sampling, _, axis) = request.sampling(Shard::WHOLE)?;
     let (seconds, paths) = sampling.forecast(request.target, observer)?;
     let cells = axis.cells() as u64 * request.incident_deg.len() as u64;
     // Three components of value, error and count, and four coordinates, four bytes each.

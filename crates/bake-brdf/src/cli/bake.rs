@@ -1,26 +1,33 @@
 //! `bake-brdf bake`.
 
 use super::{Manners, manners};
-use bake_brdf::bake::{self, BakeError, Observer, Progress, Request, Target};
+use bake_brdf::bake::sampling::{Shard, State};
+use bake_brdf::bake::snapshot::{self, Snapshot};
+use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, Target};
 use bake_brdf::recipe::{self, AzimuthMode, Recipe};
 use lut_io::table::Table;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use terminal::{Outcome, Stop};
 
 /// Accuracy of a bake that asks for none, per cent: about half a minute for the paper's pearl on two cores.
 const DEFAULT_ACCURACY_PERCENT: f64 = 1.0;
 
+/// Least time between two checkpoints: what a SIGKILL can cost.
+const CHECKPOINT_EVERY: Duration = Duration::from_secs(1);
+/// Most shards of a bake.
+const MOST_SHARDS: u32 = 100_000;
+
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct BakeArgs {
     /// Recipe (JSON) [default: the paper's pearl].
     recipe: Option<PathBuf>,
-    /// Table to write.
-    #[arg(short, long, value_name = "FILE", default_value = "pearl.exr")]
-    output: PathBuf,
+    /// Table to write [default: pearl.exr; with --shard: pearl-I-of-N.shard].
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
     /// Total variation to reach at the worst incidence, per cent of the reflected light [default: 1].
     #[arg(long, value_name = "PERCENT", group = "target")]
     accuracy: Option<f64>,
@@ -42,6 +49,16 @@ pub(crate) struct BakeArgs {
     /// Events after which a path is given up and booked as truncated.
     #[arg(long, value_name = "N", default_value_t = bake::DEFAULT_EVENT_CAP)]
     event_cap: u32,
+    /// Keep a checkpoint beside the output (OUTPUT.checkpoint) from the start; without this flag, only when the bake is
+    /// expected to take more than a minute. It is removed when the table is written.
+    #[arg(long, conflicts_with = "shard")]
+    checkpoint: bool,
+    /// Go on from the checkpoint beside the output; start afresh where there is none.
+    #[arg(long, conflicts_with = "shard")]
+    resume: bool,
+    /// Walk one share of the paths and write its state; `lut merge` makes the table of all shares.
+    #[arg(long, value_name = "I/N", requires = "paths")]
+    shard: Option<String>,
     /// Say what the bake would cost and write nothing.
     #[arg(long)]
     dry_run: bool,
@@ -62,16 +79,97 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     if args.dry_run {
         return pool.install(|| dry_run(&request, manners));
     }
-    writable(&args.output)?;
+    let shard = args.shard.as_deref().map(parse_shard).transpose()?;
+    let output = args.output.clone().unwrap_or_else(|| match shard {
+        None => "pearl.exr".into(),
+        Some(Shard { index, count }) => format!("pearl-{index}-of-{count}.shard").into(),
+    });
+    writable(&output)?;
     manners::watch_for_interrupts()?;
     let started = Instant::now();
-    let table = pool.install(|| walk(&request, manners))?;
-    lut_io::exr_file::write(&table, &args.output).map_err(|why| Stop::failure(why.to_string()))?;
+    if let Some(shard) = shard {
+        let snapshot = pool
+            .install(|| watched(manners, None, |observer| snapshot::walk_shard(&request, shard, observer)))?;
+        return snapshot.write(&output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())));
+    }
+    let keeper = Keeper::new(&output, args.checkpoint, &request);
+    let resume = if args.resume { keeper.load(manners)? } else { None };
+    let table =
+        pool.install(|| watched(manners, Some(&keeper), |observer| bake::walk(&request, observer, resume)))?;
+    lut_io::exr_file::write(&table, &output).map_err(|why| Stop::failure(why.to_string()))?;
+    keeper.remove();
     let seconds = started.elapsed().as_secs_f64();
     if manners.json {
-        return terminal::print_json(&report(&table, &args.output, seconds));
+        return terminal::print_json(&report(&table, &output, seconds));
     }
-    terminal::print(&summary(&table, &args.output, seconds))
+    terminal::print(&summary(&table, &output, seconds))
+}
+
+fn parse_shard(text: &str) -> Result<Shard, Stop> {
+    let parsed = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+    match parsed {
+        Some((index, count)) if (1..=count).contains(&index) && count <= MOST_SHARDS => {
+            Ok(Shard { index, count })
+        }
+        _ => Err(Stop::BadInput(format!("--shard: {text:?} is not I/N with 1 <= I <= N <= {MOST_SHARDS}"))),
+    }
+}
+
+/// The checkpoint beside an output.
+struct Keeper<'a> {
+    path: PathBuf,
+    request: &'a Request,
+    /// Set from the start by `--checkpoint`, or by a forecast of more than a minute.
+    on: AtomicBool,
+    failed: AtomicBool,
+}
+
+impl<'a> Keeper<'a> {
+    fn new(output: &Path, from_the_start: bool, request: &'a Request) -> Self {
+        let mut path = output.as_os_str().to_owned();
+        path.push(".checkpoint");
+        Self {
+            path: path.into(),
+            request,
+            on: AtomicBool::new(from_the_start),
+            failed: AtomicBool::new(false),
+        }
+    }
+
+    fn load(&self, manners: &Manners) -> Result<Option<Snapshot>, Stop> {
+        self.on.store(true, Ordering::Relaxed);
+        if !self.path.exists() {
+            if !manners.quiet {
+                say(&format!("{}: no checkpoint; starting afresh", self.path.display()));
+            }
+            return Ok(None);
+        }
+        let snapshot = Snapshot::read(&self.path)
+            .map_err(|why| Stop::BadInput(format!("{}: {why}", self.path.display())))?;
+        let here = Snapshot::new(self.request, Shard::WHOLE, snapshot.state.clone());
+        here.same_bake(&snapshot).map_err(|why| Stop::BadInput(format!("{}: {why}", self.path.display())))?;
+        Ok(Some(snapshot))
+    }
+
+    fn keep(&self, state: &State) {
+        if !self.on.load(Ordering::Relaxed) {
+            return;
+        }
+        let snapshot = Snapshot::new(self.request, Shard::WHOLE, state.clone());
+        // A full disk need not end a bake that is still going well: said once, tried again next time.
+        if let Err(why) = snapshot.write(&self.path)
+            && !self.failed.swap(true, Ordering::Relaxed)
+        {
+            say(&format!("{}: no checkpoint kept: {why}", self.path.display()));
+        }
+    }
+
+    fn remove(&self) {
+        if self.on.load(Ordering::Relaxed) {
+            // It may never have been written.
+            let _ = std::fs::remove_file(&self.path);
+        }
+    }
 }
 
 fn request(args: &BakeArgs) -> Result<Request, Stop> {
@@ -113,7 +211,9 @@ fn budget(seconds: f64) -> Result<Duration, Stop> {
 fn angles(list: &str) -> Result<Vec<f64>, Stop> {
     const MOST: f64 = 1e5;
     let refuse = |item: &str| {
-        Stop::BadInput(format!("--incident-deg: {item:?} is not an angle or FROM:TO:STEP in degrees, 0 to 90"))
+        Stop::BadInput(format!(
+            "--incident-deg: {item:?} is not an angle or FROM:TO:STEP in degrees, 0 to 90"
+        ))
     };
     let number = |text: &str, item: &str| text.trim().parse::<f64>().map_err(|_| refuse(item));
     let mut angles = Vec::new();
@@ -160,7 +260,12 @@ fn writable(output: &Path) -> Outcome {
     tempfile::NamedTempFile::new_in(folder).map(drop).map_err(|error| named(error.to_string()))
 }
 
-fn walk(request: &Request, manners: &Manners) -> Result<Table, Stop> {
+/// Runs a bake with a progress bar, a forecast and, where there is a keeper, checkpoints.
+fn watched<T>(
+    manners: &Manners,
+    keeper: Option<&Keeper<'_>>,
+    work: impl FnOnce(&Observer<'_>) -> Result<T, BakeError>,
+) -> Result<T, Stop> {
     let bar = manners::progress_bar(manners.quiet);
     let said = AtomicU64::new(0);
     let started = Instant::now();
@@ -174,15 +279,27 @@ fn walk(request: &Request, manners: &Manners) -> Result<Table, Stop> {
         }
     };
     let forecast = |seconds: f64| {
+        if let Some(keeper) = keeper
+            && seconds > 60.0
+        {
+            keeper.on.store(true, Ordering::Relaxed);
+        }
         if !manners.quiet {
             bar.suspend(|| say(&format!("expected to take {}", manners::seconds_text(seconds))));
             bar.reset();
         }
     };
-    let observer = Observer { stop: &manners::INTERRUPTED, progress: &progress, forecast: &forecast };
-    let table = bake::walk(request, &observer).map_err(stop);
+    let keep = |state: &State| {
+        if let Some(keeper) = keeper {
+            keeper.keep(state);
+        }
+    };
+    let checkpoint = Some(Checkpoint { every: CHECKPOINT_EVERY, keep: &keep });
+    let observer =
+        Observer { stop: &manners::INTERRUPTED, progress: &progress, forecast: &forecast, checkpoint };
+    let result = work(&observer).map_err(stop);
     bar.finish_and_clear();
-    table
+    result
 }
 
 #[allow(clippy::print_stderr)] // the tool's voice
@@ -191,9 +308,7 @@ fn say(line: &str) {
 }
 
 fn dry_run(request: &Request, manners: &Manners) -> Outcome {
-    let observer =
-        Observer { stop: &manners::INTERRUPTED, progress: &|_: &Progress<'_>| (), forecast: &|_: f64| () };
-    let forecast = bake::forecast(request, &observer).map_err(stop)?;
+    let forecast = bake::forecast(request, &Observer::idle()).map_err(stop)?;
     if manners.json {
         return terminal::print_json(&json!({
             "schema": "bake-forecast/1",
@@ -232,7 +347,8 @@ fn summary(table: &Table, output: &Path, seconds: f64) -> String {
     let meta = &table.meta;
     let name = meta.recipe.get("name").and_then(|name| name.as_str()).unwrap_or_default();
     let paths: u64 = meta.per_incidence.iter().map(|incidence| incidence.paths).sum();
-    let mut text = format!("{name}: {paths:.2e} paths in {}\n\n", manners::seconds_text(seconds), paths = paths as f64);
+    let mut text =
+        format!("{name}: {paths:.2e} paths in {}\n\n", manners::seconds_text(seconds), paths = paths as f64);
     text.push_str("   θi   albedo            surface  transmitted  absorbed  mean θo   sd θo   skew\n");
     let every = meta.per_incidence.len().div_ceil(10);
     for row in meta.per_incidence.iter().step_by(every) {

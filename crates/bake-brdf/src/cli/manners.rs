@@ -32,7 +32,9 @@ pub(crate) fn progress_bar(quiet: bool) -> ProgressBar {
         return ProgressBar::hidden();
     }
     let bar = ProgressBar::new(1000);
-    if let Ok(style) = ProgressStyle::with_template("{bar:32} {percent:>3} %  error {msg}  {elapsed} + {eta} left") {
+    if let Ok(style) =
+        ProgressStyle::with_template("{bar:32} {percent:>3} %  error {msg}  {elapsed} + {eta} left")
+    {
         bar.set_style(style);
     }
     bar

@@ -14,7 +14,7 @@ use std::ops::Range;
 
 use self::draws::{Normal, Stream, TiltSinCos};
 use self::drive::Job;
-use self::event::{PLANE, PLANE_WIDE, Problem, SPACE};
+use self::event::{ALTERNATING, CROSSING, Constants, EXPLICIT, HALVINGS, PERIODIC, Problem, SPACE};
 use self::real::Real;
 pub use self::simd::SimdLevel;
 use super::Exit;
@@ -114,7 +114,7 @@ struct Variant {
     shape: u8,
     visible: bool,
     absorb: bool,
-    explicit: bool,
+    stack: u8,
 }
 
 impl Walker {
@@ -134,17 +134,17 @@ impl Walker {
             return Err(WalkError::Simd(level));
         }
         let sd = transport.facets.slope_sd;
+        let reaches = |&h: &u8| sd * Normal::MAX <= TiltSinCos::<f64>::REACH * f64::from(1 << h);
         let shape = match geometry {
             Geometry::Space => SPACE,
-            Geometry::Plane if sd * Normal::MAX <= TiltSinCos::<f32>::REACH => PLANE,
-            Geometry::Plane => PLANE_WIDE,
+            Geometry::Plane => 1 + HALVINGS.into_iter().find(reaches).ok_or(WalkError::SlopeSd(sd))?,
         };
         let variant = Variant {
             shape,
             // A flat interface has one facet only.
             visible: transport.facets.normals == Normals::Visible && sd > 0.0,
             absorb: transport.absorbs(),
-            explicit: !alternates(transport),
+            stack: stack(transport),
         };
         let problem = match precision.resolve(transport) {
             Precision::F64 => Either::F64(Problem::new(transport, geometry)),
@@ -186,7 +186,7 @@ impl Walker {
             cos_i: libm::cos(theta_i),
             stream: Stream::new(seed, theta_i),
             paths,
-            event_cap: event_cap.clamp(1, i32::MAX as u32),
+            event_cap: event_cap.clamp(1, u32::MAX / CROSSING - 1),
         };
         match &self.problem {
             Either::F32(problem) => run(self.level, self.variant, problem, &job, out),
@@ -213,12 +213,16 @@ fn check(transport: &Transport) -> Result<(), WalkError> {
     Ok(())
 }
 
-/// Whether the layers are two that alternate.
-fn alternates(transport: &Transport) -> bool {
+/// How the layers repeat.
+fn stack(transport: &Transport) -> u8 {
     let layers = 1..=transport.layers();
     let same_index = |i: usize| i <= 2 || transport.indices[i] == transport.indices[i - 2];
     let same_depth = |i: usize| i <= 2 || transport.optical_depths[i - 1] == transport.optical_depths[i - 3];
-    layers.into_iter().all(|i| same_index(i) && same_depth(i))
+    if !layers.into_iter().all(|i| same_index(i) && same_depth(i)) {
+        return EXPLICIT;
+    }
+    let continues = transport.layers() >= 2 && same_index(transport.layers() + 1);
+    if continues { PERIODIC } else { ALTERNATING }
 }
 
 impl<R: Real> Problem<R> {
@@ -230,17 +234,13 @@ impl<R: Real> Problem<R> {
         let inner = |from: usize, to: usize| if layers >= 2 { ratio(from, to) } else { R::ONE };
         let depth =
             |layer: usize| transport.optical_depths.get(layer - 1).map_or(R::ZERO, |&d| R::from_f64(d));
-        let ratios = (0..layers + 2).flat_map(|medium| {
-            [(medium + 1).min(layers + 1), medium.saturating_sub(1)].map(|to| ratio(medium, to))
-        });
         let sd = transport.facets.slope_sd;
         let tilt_max = (6.5 * sd).min(80_f64.to_radians());
         let slope_max = match geometry {
             Geometry::Plane => tilt_max.tan(),
             Geometry::Space => Normal::MAX * sd,
         };
-        let explicit = !alternates(transport);
-        Self {
+        let constants = Constants {
             last: layers as i32,
             odd: inner(1, 2),
             even: inner(2, 1),
@@ -250,17 +250,17 @@ impl<R: Real> Problem<R> {
             back: ratio(layers + 1, layers),
             depth_odd: depth(1),
             depth_even: depth(2),
-            ratios: if explicit { ratios.collect() } else { Vec::new() },
-            depths: if explicit {
-                (0..layers + 2).map(|m| if m == 0 { R::ZERO } else { depth(m) }).collect()
-            } else {
-                Vec::new()
-            },
             normal: Normal::new(sd),
             tilt: TiltSinCos::new(),
             slope_max: R::from_f64(slope_max),
             tilt_max: tilt_max as f32,
+        };
+        if stack(transport) != EXPLICIT {
+            return Self { constants, ratios: Vec::new(), depths: Vec::new() };
         }
+        let ratios = (0..=layers).flat_map(|upper| [ratio(upper, upper + 1), ratio(upper + 1, upper)]);
+        let depths = (0..layers + 2).map(|medium| if medium == 0 { R::ZERO } else { depth(medium) });
+        Self { constants, ratios: ratios.collect(), depths: depths.collect() }
     }
 }
 
@@ -274,8 +274,9 @@ fn run<R: Real>(
 ) -> u64 {
     match variant.shape {
         SPACE => shaped::<R, SPACE>(level, variant, problem, job, out),
-        PLANE => shaped::<R, PLANE>(level, variant, problem, job, out),
-        _ => shaped::<R, PLANE_WIDE>(level, variant, problem, job, out),
+        1 => shaped::<R, 1>(level, variant, problem, job, out),
+        3 => shaped::<R, 3>(level, variant, problem, job, out),
+        _ => shaped::<R, 6>(level, variant, problem, job, out),
     }
 }
 
@@ -286,22 +287,31 @@ fn shaped<R: Real, const SHAPE: u8>(
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    let Variant { visible, absorb, explicit, .. } = variant;
-    match (visible, absorb, explicit) {
-        (false, false, false) => compiled::<R, SHAPE, false, false, false>(level, problem, job, out),
-        (false, false, true) => compiled::<R, SHAPE, false, false, true>(level, problem, job, out),
-        (false, true, false) => compiled::<R, SHAPE, false, true, false>(level, problem, job, out),
-        (false, true, true) => compiled::<R, SHAPE, false, true, true>(level, problem, job, out),
-        (true, false, false) => compiled::<R, SHAPE, true, false, false>(level, problem, job, out),
-        (true, false, true) => compiled::<R, SHAPE, true, false, true>(level, problem, job, out),
-        (true, true, false) => compiled::<R, SHAPE, true, true, false>(level, problem, job, out),
-        (true, true, true) => compiled::<R, SHAPE, true, true, true>(level, problem, job, out),
+    match (variant.visible, variant.absorb) {
+        (false, false) => effected::<R, SHAPE, false, false>(level, variant, problem, job, out),
+        (false, true) => effected::<R, SHAPE, false, true>(level, variant, problem, job, out),
+        (true, false) => effected::<R, SHAPE, true, false>(level, variant, problem, job, out),
+        (true, true) => effected::<R, SHAPE, true, true>(level, variant, problem, job, out),
+    }
+}
+
+fn effected<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool>(
+    level: SimdLevel,
+    variant: Variant,
+    problem: &Problem<R>,
+    job: &Job,
+    out: &mut [Exit],
+) -> u64 {
+    match variant.stack {
+        PERIODIC => compiled::<R, SHAPE, VISIBLE, ABSORB, PERIODIC>(level, problem, job, out),
+        ALTERNATING => compiled::<R, SHAPE, VISIBLE, ABSORB, ALTERNATING>(level, problem, job, out),
+        _ => compiled::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT>(level, problem, job, out),
     }
 }
 
 /// The one place where a kernel meets an instruction set.
 #[allow(unsafe_code)] // Run-time dispatch makes the walk several times as fast as the build's own target allows.
-fn compiled<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const EXPLICIT: bool>(
+fn compiled<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
     level: SimdLevel,
     problem: &Problem<R>,
     job: &Job,
@@ -311,30 +321,30 @@ fn compiled<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, c
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Walker::new` is the only source of levels and refuses what `is_supported` denies; it asks the
         // processor for every feature that the function is compiled for.
-        SimdLevel::Avx512 => unsafe { avx512::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT>(problem, job, out) },
+        SimdLevel::Avx512 => unsafe { avx512::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as above.
-        SimdLevel::Avx2 => unsafe { avx2::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT>(problem, job, out) },
-        _ => drive::walk::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT>(problem, job, out),
+        SimdLevel::Avx2 => unsafe { avx2::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out) },
+        _ => drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out),
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
-fn avx512<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const EXPLICIT: bool>(
+fn avx512<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
     problem: &Problem<R>,
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    drive::walk::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT>(problem, job, out)
+    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn avx2<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const EXPLICIT: bool>(
+fn avx2<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
     problem: &Problem<R>,
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    drive::walk::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT>(problem, job, out)
+    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out)
 }

@@ -2,6 +2,8 @@
 //!
 //! Two 32-bit words make one event of a space walk, three make two events of a plane walk: see [`Pair`].
 
+use std::hint::select_unpredictable;
+
 use super::real::Real;
 
 /// The state of xoshiro128+ (Blackman & Vigna 2021), one per path.
@@ -59,23 +61,30 @@ impl Generator {
     }
 }
 
-/// |w + ½| of a word read as a signed integer: uniform on (0, 2³¹], with a resolution of one unit near zero, so that
-/// neither a small reflectance nor the tail of the tilts is cut off by the 24 bits of an f32.
+/// A word as a uniform odd integer in (−2³¹, 2³¹). Its magnitude, as a fraction of 2³¹, is uniform on the middles of
+/// 2³⁰ cells, and small values keep their resolution: neither a small reflectance nor the tail of the tilts is cut off
+/// by the 24 bits of an f32.
 #[inline(always)]
-pub(crate) fn centred(word: u32) -> f32 {
-    (word as i32) as f32 + 0.5
+fn odd(word: u32) -> f32 {
+    (word | 1) as i32 as f32
 }
 
-/// ln(1 + m) / m on √½ ≤ 1 + m ≤ √2, minimax, |error of ln| < 4·10⁻⁸.
+/// A word as a uniform on (0, 2³¹]: the middles of 2³⁰ cells.
+#[inline(always)]
+pub(crate) fn uniform(word: u32) -> f32 {
+    odd(word & 0x7fff_ffff)
+}
+
+/// ln v on 1 ≤ v ≤ 2 in powers of v, minimax, |error| < 2·10⁻⁷.
 const LOG: [f64; 8] = [
-    9.999998139e-01,
-    -5.000066740e-01,
-    3.333618202e-01,
-    -2.495934384e-01,
-    1.987304644e-01,
-    -1.733346515e-01,
-    1.641998973e-01,
-    -1.010223681e-01,
+    -2.249_635_396_0,
+    4.944_890_813_8,
+    -5.194_534_754_2,
+    4.007_387_706_0,
+    -2.069_058_603_1,
+    0.677_963_540_35,
+    -0.127_497_211_51,
+    0.010_484_096_913,
 ];
 /// sin(πt/2)/t in t² on |t| ≤ 1, minimax, |error| < 6·10⁻⁷.
 const SIN: [f32; 4] = [1.570_791_011_1, -0.645_892_849_55, 0.079_434_344_612, -0.004_333_095_289_8];
@@ -107,11 +116,11 @@ impl Pair {
         Self { radius: generator.next(), angle: generator.next() }
     }
 
-    /// A third uniform, on (0, 2³¹]: the 16 bits of `angle` that the angle leaves, continued by the lowest 16 of
+    /// A third [`uniform`]: the 16 bits of `angle` that the angle leaves, continued by the lowest 16 of
     /// `radius`, which move the radius by less than 2⁻¹⁵ of its law.
     #[inline(always)]
     pub(crate) fn choice(self) -> f32 {
-        centred((self.angle & 0xffff_0000) | (self.radius & 0xffff)).abs()
+        uniform((self.angle & 0xffff_0000) | (self.radius & 0xffff))
     }
 }
 
@@ -128,15 +137,14 @@ impl Normal {
     /// Two independent deviates.
     #[inline(always)]
     pub(crate) fn deviates(&self, pair: Pair) -> (f32, f32) {
-        let uniform = centred(pair.radius);
-        // |uniform|·2⁻³¹ = 2^e·(1 + m) with 1 + m in [√½, √2).
-        const SQRT_HALF: u32 = 0x3f35_04f3;
-        let bits = uniform.abs().to_bits().wrapping_sub(SQRT_HALF + (31 << 23));
-        let exponent = ((bits as i32) >> 23) as f32;
-        let m = f32::from_bits((bits & 0x007f_ffff) + SQRT_HALF) - 1.0;
-        let series = horner(&self.log, m);
-        let square = exponent.mul_add(self.octave, m * series);
-        let radius = if square > 0.0 { square } else { 0.0 }.sqrt().copysign(uniform);
+        let uniform = odd(pair.radius);
+        // |uniform|·2⁻³¹ = v·2^e with 1 ≤ v < 2 and e ≤ 0.
+        let bits = uniform.abs().to_bits();
+        let e = (bits.wrapping_sub((127 + 31) << 23) as i32 >> 23) as f32;
+        let v = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000);
+        let [constant, linear @ ..] = self.log;
+        let square = horner(&linear, v).mul_add(v, e.mul_add(self.octave, constant));
+        let radius = select_unpredictable(square > 0.0, square, 0.0).sqrt().copysign(uniform);
         let t = ((pair.angle << 16) as i32) as f32 * (1.0 / 2_147_483_648.0);
         let z = t * t;
         (radius * horner(&COS, z), radius * t * horner(&SIN, z))
@@ -153,43 +161,33 @@ fn horner<R: Real, const N: usize>(coefficients: &[R; N], x: R) -> R {
     sum
 }
 
-/// sin α/α and cos α in α² on |α| ≤ 0.8, minimax, |error| < 2·10⁻⁹ and 6·10⁻¹¹.
+/// sin α/α and cos α in α² on |α| ≤ 0.27, minimax, |error| < 4·10⁻¹⁰ and 2·10⁻⁸.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TiltSinCos<R> {
-    sin: [R; 4],
-    cos: [R; 5],
+    sin: [R; 3],
+    cos: [R; 3],
 }
 
 impl<R: Real> TiltSinCos<R> {
-    /// Largest |α| of the polynomials.
-    pub(crate) const REACH: f64 = 0.8;
+    /// Largest |α| (radians) with no halvings; each halving doubles it.
+    pub(crate) const REACH: f64 = 0.27;
 
     pub(crate) fn new() -> Self {
         Self {
-            sin: [9.999999839938e-01, -1.666663327553e-01, 8.331451720070e-03, -1.944801631009e-04]
-                .map(R::from_f64),
-            cos: [
-                9.999999999430e-01,
-                -4.999999955459e-01,
-                4.166661092960e-02,
-                -1.388644662254e-03,
-                2.436423323464e-05,
-            ]
-            .map(R::from_f64),
+            sin: [9.999_999_916_104e-1, -1.666_657_457_094e-1, 8.308_054_673_418e-3].map(R::from_f64),
+            cos: [9.999_999_832_286e-1, -4.999_958_571_152e-1, 4.151_503_033_840e-2].map(R::from_f64),
         }
     }
 
-    /// (sin α, cos α). With `WIDE`, |α| may be eight times [`Self::REACH`].
+    /// (sin α, cos α), from the polynomials at α/2ʰ and h double-angle steps, h = `halvings`.
     #[inline(always)]
-    pub(crate) fn of<const WIDE: bool>(&self, alpha: R) -> (R, R) {
-        let alpha = if WIDE { alpha * R::from_f64(0.125) } else { alpha };
+    pub(crate) fn of(&self, alpha: R, halvings: u8) -> (R, R) {
+        let alpha = if halvings == 0 { alpha } else { alpha * R::from_f64(1.0 / f64::from(1 << halvings)) };
         let z = alpha * alpha;
         let (mut s, mut c) = (alpha * horner(&self.sin, z), horner(&self.cos, z));
-        if WIDE {
-            for _ in 0..3 {
-                let double = s + s;
-                (s, c) = (double * c, R::ONE - double * s);
-            }
+        for _ in 0..halvings {
+            let double = s + s;
+            (s, c) = (double * c, (-double).mul_add(s, R::ONE));
         }
         (s, c)
     }

@@ -2,14 +2,14 @@
 
 use std::ops::Range;
 
-use super::draws::{Generator, Pair, Stream, centred};
-use super::event::{Ahead, ENTERED, Facet, Problem, Ray, SPACE};
+use super::draws::{Generator, Pair, Stream, uniform};
+use super::event::{Ahead, CROSSING, ENTERED, EXPLICIT, Facet, Problem, Ray, SPACE};
 use super::real::Real;
 use crate::walk::{Exit, Fate};
 
 /// Paths that one sweep moves on by one event (two in the plane): enough independent chains to hide the latency of
 /// the square root and the division, few enough to stay in the first-level cache.
-const LANES: usize = 64;
+const LANES: usize = 128;
 /// Lanes are dropped by the block when paths run out.
 const BLOCK: usize = 16;
 /// Slot of a lane that carries no path.
@@ -34,7 +34,7 @@ struct Lanes<R> {
     x: [R; LANES],
     y: [R; LANES],
     z: [R; LANES],
-    medium: [i32; LANES],
+    interface: [i32; LANES],
     step: [i32; LANES],
     met: [u32; LANES],
     depth: [R; LANES],
@@ -43,10 +43,12 @@ struct Lanes<R> {
     ratio: [R; LANES],
     here: [R; LANES],
     beyond: [R; LANES],
-    /// Explicit stacks in the plane: the tilt of the second event.
-    spare: [f32; LANES],
+    /// Random numbers of this sweep: tilts (or slopes), uniforms for the choice and for the projected area.
+    tilts: [[f32; LANES]; 2],
+    choices: [[f32; LANES]; 2],
+    weights: [[f32; LANES]; 2],
     generator: [[u32; LANES]; 4],
-    done: [u32; LANES],
+    done: [i32; LANES],
     slot: [usize; LANES],
 }
 
@@ -56,7 +58,7 @@ impl<R: Real> Lanes<R> {
             x: [R::ZERO; LANES],
             y: [R::ZERO; LANES],
             z: [R::ONE; LANES],
-            medium: [0; LANES],
+            interface: [0; LANES],
             step: [1; LANES],
             met: [0; LANES],
             depth: [R::ZERO; LANES],
@@ -64,7 +66,9 @@ impl<R: Real> Lanes<R> {
             ratio: [R::ONE; LANES],
             here: [R::ZERO; LANES],
             beyond: [R::ZERO; LANES],
-            spare: [0.0; LANES],
+            tilts: [[0.0; LANES]; 2],
+            choices: [[0.0; LANES]; 2],
+            weights: [[0.0; LANES]; 2],
             generator: [[1; LANES]; 4],
             done: [0; LANES],
             slot: [IDLE; LANES],
@@ -79,7 +83,7 @@ impl<R: Real> Lanes<R> {
             x: R::ZERO,
             y: R::ZERO,
             z: R::ONE,
-            medium: (problem.last + 1) / 2,
+            interface: problem.constants.last / 2,
             step: 1,
             met: 0,
             depth: R::ZERO,
@@ -96,7 +100,7 @@ impl<R: Real> Lanes<R> {
             x: self.x[lane],
             y: self.y[lane],
             z: self.z[lane],
-            medium: self.medium[lane],
+            interface: self.interface[lane],
             step: self.step[lane],
             met: self.met[lane],
             depth: self.depth[lane],
@@ -108,7 +112,7 @@ impl<R: Real> Lanes<R> {
         self.x[lane] = ray.x;
         self.y[lane] = ray.y;
         self.z[lane] = ray.z;
-        self.medium[lane] = ray.medium;
+        self.interface[lane] = ray.interface;
         self.step[lane] = ray.step;
         self.met[lane] = ray.met;
         if ABSORB {
@@ -124,7 +128,7 @@ impl<R: Real> Lanes<R> {
             x: R::from_f64(job.sin_i),
             y: R::ZERO,
             z: R::from_f64(job.cos_i),
-            medium: 0,
+            interface: 0,
             step: 1,
             met: 0,
             depth: R::ZERO,
@@ -151,13 +155,13 @@ impl<R: Real> Lanes<R> {
     fn exit(&self, lane: usize, problem: &Problem<R>) -> Exit {
         let ray = self.get(lane);
         let depth = ray.depth.to_f64();
-        let fate = if ray.medium == 0 && ray.step < 0 {
+        let fate = if ray.interface < 0 {
             match ray.met {
-                0..=1 => Fate::Single,
+                CROSSING => Fate::Single,
                 met if met & ENTERED == 0 => Fate::Rehit,
                 _ => Fate::Interior,
             }
-        } else if ray.medium > problem.last && ray.step > 0 {
+        } else if ray.interface > problem.constants.last {
             Fate::Transmitted
         } else if ray.depth > self.limit[lane] {
             Fate::Absorbed
@@ -169,100 +173,115 @@ impl<R: Real> Lanes<R> {
     }
 
     /// One event (two in the plane) for each of the first `count` lanes; whether any path ended.
+    ///
+    /// Drawing, looking up and moving are loops of their own: short chains of dependent operations, of which the
+    /// processor overlaps several.
     #[inline(always)]
-    fn sweep<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const EXPLICIT: bool>(
+    fn sweep<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
         &mut self,
         problem: &Problem<R>,
-        event_cap: u32,
         count: usize,
     ) -> bool {
-        if !EXPLICIT {
-            return self.events::<SHAPE, VISIBLE, ABSORB, EXPLICIT, BOTH>(problem, event_cap, count);
+        let count = count.min(LANES);
+        self.draw::<SHAPE, VISIBLE>(problem, count);
+        if STACK == EXPLICIT {
+            self.look_ahead(problem, count);
         }
-        self.look_ahead(problem, count);
-        let first = self.events::<SHAPE, VISIBLE, ABSORB, EXPLICIT, FIRST>(problem, event_cap, count);
+        let ended = self.meet::<SHAPE, VISIBLE, ABSORB, STACK, false>(problem, count);
         if SHAPE == SPACE {
-            return first;
+            return ended;
         }
-        self.look_ahead(problem, count);
-        self.events::<SHAPE, VISIBLE, ABSORB, EXPLICIT, SECOND>(problem, event_cap, count)
+        if STACK == EXPLICIT {
+            self.look_ahead(problem, count);
+        }
+        self.meet::<SHAPE, VISIBLE, ABSORB, STACK, true>(problem, count)
+    }
+
+    /// Draws the random numbers of a sweep.
+    #[inline(always)]
+    fn draw<const SHAPE: u8, const VISIBLE: bool>(&mut self, problem: &Problem<R>, count: usize) {
+        let normal = problem.constants.normal;
+        for lane in 0..count {
+            let mut generator = self.generator(lane);
+            let pair = Pair::draw(&mut generator);
+            let (first, second) = normal.deviates(pair);
+            self.tilts[0][lane] = first;
+            self.tilts[1][lane] = second;
+            self.choices[0][lane] = pair.choice();
+            if VISIBLE {
+                self.weights[0][lane] = uniform(generator.next());
+            }
+            if SHAPE != SPACE {
+                self.choices[1][lane] = uniform(generator.next());
+                if VISIBLE {
+                    self.weights[1][lane] = uniform(generator.next());
+                }
+            }
+            self.set_generator(lane, generator);
+        }
     }
 
     /// Looks up the interfaces that the rays of an explicit stack head for.
     #[inline(always)]
     fn look_ahead(&mut self, problem: &Problem<R>, count: usize) {
         for lane in 0..count {
-            let ahead = problem.explicit(self.medium[lane], self.step[lane]);
+            let ahead = problem.explicit(self.interface[lane], self.step[lane]);
             self.ratio[lane] = ahead.ratio;
             self.here[lane] = ahead.here;
             self.beyond[lane] = ahead.beyond;
         }
     }
 
-    /// The events of a sweep. Straight-line code on arrays, which the compiler turns into vectors.
+    /// Moves every path on by one event, the `SECOND` of a plane sweep or the first; whether any path ended.
     #[inline(always)]
-    fn events<
-        const SHAPE: u8,
-        const VISIBLE: bool,
-        const ABSORB: bool,
-        const EXPLICIT: bool,
-        const HALF: u8,
-    >(
+    fn meet<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8, const SECOND: bool>(
         &mut self,
         problem: &Problem<R>,
-        event_cap: u32,
         count: usize,
     ) -> bool {
+        let constants = problem.constants;
+        let half = usize::from(SECOND);
         let mut any = 0;
-        for lane in 0..count.min(LANES) {
-            let mut ray = self.get(lane);
-            let mut generator = self.generator(lane);
-            let mut done = false;
-            let mut spare = self.spare[lane];
-            let limit = self.limit[lane];
-            if HALF != SECOND {
-                let pair = Pair::draw(&mut generator);
-                let (first, second) = problem.normal.deviates(pair);
-                let facet = if SHAPE == SPACE {
-                    Facet::sloped(first, second)
-                } else {
-                    Facet::tilted::<SHAPE>(first, &problem.tilt)
-                };
-                spare = second;
-                let weight = if VISIBLE { generator.next() } else { 0 };
-                let takes = |a: R| !VISIBLE || problem.sees::<SHAPE>(&ray, facet, first, a, weight);
-                let ahead = self.ahead::<EXPLICIT>(problem, &ray, lane);
-                ray = problem.meet::<SHAPE, ABSORB>(ray, facet, ahead, pair.choice(), takes);
-                done = ends::<R, ABSORB>(problem, &ray, event_cap, limit);
-            }
-            if SHAPE != SPACE && HALF != FIRST {
-                let ended = if HALF == SECOND { self.done[lane] != 0 } else { done };
-                let facet = Facet::tilted::<SHAPE>(spare, &problem.tilt);
-                let choice = centred(generator.next()).abs();
-                let weight = if VISIBLE { generator.next() } else { 0 };
-                let takes =
-                    |a: R| !ended && (!VISIBLE || problem.sees::<SHAPE>(&ray, facet, spare, a, weight));
-                let ahead = self.ahead::<EXPLICIT>(problem, &ray, lane);
-                ray = problem.meet::<SHAPE, ABSORB>(ray, facet, ahead, choice, takes);
-                done = ends::<R, ABSORB>(problem, &ray, event_cap, limit);
-            }
-            any |= u32::from(done);
-            self.done[lane] = u32::from(done);
-            if HALF == FIRST && SHAPE != SPACE {
-                self.spare[lane] = spare;
-            }
+        for lane in 0..count {
+            let ray = self.get(lane);
+            let tilt = self.tilts[half][lane];
+            let facet = if SHAPE == SPACE {
+                Facet::sloped(tilt, self.tilts[1][lane])
+            } else {
+                Facet::tilted::<SHAPE>(tilt, &constants.tilt)
+            };
+            let ahead = if STACK == EXPLICIT {
+                Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
+            } else {
+                constants.alternating::<STACK>(ray.interface, ray.step)
+            };
+            let rests = SECOND & (self.done[lane] != 0);
+            let weight = self.weights[half][lane];
+            let takes = |a: R| !rests & (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, tilt, a, weight));
+            let ray = constants.meet::<SHAPE, ABSORB>(ray, facet, ahead, self.choices[half][lane], takes);
+            let absorbed = ABSORB && ray.depth > self.limit[lane];
+            let done = -i32::from(constants.is_out(&ray) | absorbed);
+            any |= done;
+            self.done[lane] = done;
             self.set::<ABSORB>(lane, ray);
-            self.set_generator(lane, generator);
         }
         any != 0
     }
 
-    #[inline(always)]
-    fn ahead<const EXPLICIT: bool>(&self, problem: &Problem<R>, ray: &Ray<R>, lane: usize) -> Ahead<R> {
-        if !EXPLICIT {
-            return problem.alternating(ray.medium, ray.step);
+    /// Ends the paths that have reached the cap, and says how many sweeps from now it is worth to look again: a sweep
+    /// adds two crossings at most, and a new path starts from none.
+    #[inline(never)]
+    fn cut(&mut self, event_cap: u32) -> u32 {
+        let mut most = 0;
+        for lane in 0..LANES {
+            let crossings = self.met[lane] / CROSSING;
+            if crossings >= event_cap {
+                self.done[lane] = -1;
+            } else if self.slot[lane] != IDLE {
+                most = most.max(crossings);
+            }
         }
-        Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
+        (event_cap - most).div_ceil(2)
     }
 
     #[inline(always)]
@@ -278,27 +297,9 @@ impl<R: Real> Lanes<R> {
     }
 }
 
-/// Which events of a plane sweep (they share a pair of deviates).
-const BOTH: u8 = 0;
-const FIRST: u8 = 1;
-const SECOND: u8 = 2;
-
-/// Whether a path has ended: out, absorbed, or cut.
-#[inline(always)]
-fn ends<R: Real, const ABSORB: bool>(problem: &Problem<R>, ray: &Ray<R>, event_cap: u32, limit: R) -> bool {
-    let cut = (ray.met & !ENTERED) >= event_cap;
-    problem.is_out(ray) | cut | (ABSORB && ray.depth > limit)
-}
-
 /// Walks all paths of a job, one `Exit` each in path order; the number of crossings.
 #[inline(always)]
-pub(crate) fn walk<
-    R: Real,
-    const SHAPE: u8,
-    const VISIBLE: bool,
-    const ABSORB: bool,
-    const EXPLICIT: bool,
->(
+pub(crate) fn walk<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
     problem: &Problem<R>,
     job: &Job,
     out: &mut [Exit],
@@ -311,29 +312,41 @@ pub(crate) fn walk<
         live += 1;
     }
     let mut crossings = 0;
+    let mut until_cut = lanes.cut(job.event_cap);
     while live > 0 {
         let count = live.next_multiple_of(BLOCK);
-        if !lanes.sweep::<SHAPE, VISIBLE, ABSORB, EXPLICIT>(problem, job.event_cap, count) {
+        let mut any = lanes.sweep::<SHAPE, VISIBLE, ABSORB, STACK>(problem, count);
+        until_cut -= 1;
+        if until_cut == 0 {
+            until_cut = lanes.cut(job.event_cap);
+            any = true;
+        }
+        if !any {
             continue;
         }
         // From the last lane down, so that the lane that fills a gap has been looked at already.
-        for lane in (0..count).rev() {
-            if lanes.done[lane] == 0 {
+        for block in (0..count / BLOCK).rev().map(|block| block * BLOCK..(block + 1) * BLOCK) {
+            if lanes.done[block.clone()].iter().fold(0, |any, done| any | done) == 0 {
                 continue;
             }
-            if lanes.slot[lane] == IDLE {
-                lanes.rest(lane, problem);
-                continue;
+            for lane in block.rev() {
+                if lanes.done[lane] == 0 {
+                    continue;
+                }
+                if lanes.slot[lane] == IDLE {
+                    lanes.rest(lane, problem);
+                    continue;
+                }
+                crossings += u64::from(lanes.met[lane] / CROSSING);
+                out[lanes.slot[lane]] = lanes.exit(lane, problem);
+                if let Some(path) = paths.next() {
+                    lanes.start::<ABSORB>(lane, job, path);
+                    continue;
+                }
+                live -= 1;
+                lanes.shift(live, lane);
+                lanes.rest(live, problem);
             }
-            crossings += u64::from(lanes.met[lane] & !ENTERED);
-            out[lanes.slot[lane]] = lanes.exit(lane, problem);
-            if let Some(path) = paths.next() {
-                lanes.start::<ABSORB>(lane, job, path);
-                continue;
-            }
-            live -= 1;
-            lanes.shift(live, lane);
-            lanes.rest(live, problem);
         }
     }
     crossings

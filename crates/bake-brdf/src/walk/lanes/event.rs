@@ -1,18 +1,30 @@
 //! One event of one path, in the mirrored frame.
 
-use super::draws::{Normal, TiltSinCos, centred};
+use std::hint::select_unpredictable as choose;
+
+use super::draws::{Normal, TiltSinCos};
 use super::real::Real;
 
-/// The walk's frame at compile time: which geometry, and how far plane tilts reach.
+/// The geometry of a walk at compile time: [`SPACE`], or 1 + h for a plane walk whose tilts need h halvings
+/// (see [`TiltSinCos::of`]).
 pub(crate) const SPACE: u8 = 0;
-/// Plane tilts within [`TiltSinCos::REACH`].
-pub(crate) const PLANE: u8 = 1;
-/// Plane tilts of any size.
-pub(crate) const PLANE_WIDE: u8 = 2;
+/// Halvings that plane walks are compiled for: σ up to 2.3°, 9.2° and 74°.
+pub(crate) const HALVINGS: [u8; 3] = [0, 2, 5];
 
 /// The constants of a walk.
 #[derive(Clone, Debug)]
 pub(crate) struct Problem<R> {
+    pub(crate) constants: Constants<R>,
+    /// Explicit stacks: n1/n2 by 2·interface + (1 if heading up).
+    pub(crate) ratios: Vec<R>,
+    /// Explicit stacks: optical depth by medium (0 in the ambient and the substrate).
+    pub(crate) depths: Vec<R>,
+}
+
+/// The constants of an event. Copied before the loop over lanes: a choice between two fields behind a reference
+/// would become a gather.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Constants<R> {
     /// L: index of the last interface.
     pub(crate) last: i32,
     /// n1/n2 of interfaces between layers, leaving an odd and leaving an even medium.
@@ -27,10 +39,6 @@ pub(crate) struct Problem<R> {
     /// Optical depths of odd and even layers.
     pub(crate) depth_odd: R,
     pub(crate) depth_even: R,
-    /// Explicit stacks: n1/n2 by 2·medium + (1 if heading up).
-    pub(crate) ratios: Vec<R>,
-    /// Explicit stacks: optical depth by medium (0 in the ambient and the substrate).
-    pub(crate) depths: Vec<R>,
     /// Facet tilts.
     pub(crate) normal: Normal,
     pub(crate) tilt: TiltSinCos<R>,
@@ -46,18 +54,27 @@ pub(crate) struct Ray<R> {
     pub(crate) y: R,
     /// |cos θ|.
     pub(crate) z: R,
-    /// Index of the medium it is in.
-    pub(crate) medium: i32,
+    /// Index of the interface ahead: −1 when it has left the top, L + 1 when it has left the bottom.
+    pub(crate) interface: i32,
     /// +1 heading down, −1 heading up.
     pub(crate) step: i32,
-    /// Crossings so far; [`ENTERED`] once it has been refracted.
+    /// Four times the crossings so far, and [`ENTERED`].
     pub(crate) met: u32,
     /// Optical depth so far.
     pub(crate) depth: R,
 }
 
-/// Flag in [`Ray::met`]: the path has entered the stack.
-pub(crate) const ENTERED: u32 = 1 << 31;
+/// How the layers repeat, at compile time: two layers alternate, and the substrate continues them.
+pub(crate) const PERIODIC: u8 = 0;
+/// Two layers alternate above any substrate.
+pub(crate) const ALTERNATING: u8 = 1;
+/// Any list of layers: looked up.
+pub(crate) const EXPLICIT: u8 = 2;
+
+/// One crossing in [`Ray::met`].
+pub(crate) const CROSSING: u32 = 4;
+/// Flag in [`Ray::met`]: the path has been refracted, so it has entered the stack.
+pub(crate) const ENTERED: u32 = 2;
 
 /// A facet, its normal (x, y, −z) not normalised.
 #[derive(Clone, Copy, Debug)]
@@ -81,7 +98,7 @@ impl<R: Real> Facet<R> {
     #[inline(always)]
     pub(crate) fn tilted<const SHAPE: u8>(alpha: f32, tilt: &TiltSinCos<R>) -> Self {
         let alpha = R::from_f32(alpha);
-        let (x, z) = if SHAPE == PLANE_WIDE { tilt.of::<true>(alpha) } else { tilt.of::<false>(alpha) };
+        let (x, z) = tilt.of(alpha, SHAPE - 1);
         Self { x, y: R::ZERO, z, square: R::ONE }
     }
 }
@@ -97,32 +114,39 @@ pub(crate) struct Ahead<R> {
     pub(crate) beyond: R,
 }
 
-impl<R: Real> Problem<R> {
-    /// The interface ahead, in a stack of two alternating layers.
-    #[inline(always)]
-    pub(crate) fn alternating(&self, medium: i32, step: i32) -> Ahead<R> {
-        let interface = medium + (step >> 1);
-        let (up, odd) = (step < 0, medium & 1 != 0);
-        let inner = if odd { self.odd } else { self.even };
-        let last = if up { self.back } else { self.out };
-        let first = if up { self.leave } else { self.enter };
-        let below = if interface == self.last { last } else { inner };
-        Ahead {
-            ratio: if interface == 0 { first } else { below },
-            here: if odd { self.depth_odd } else { self.depth_even },
-            beyond: if odd { self.depth_even } else { self.depth_odd },
-        }
-    }
+/// Half the scale of [`uniform`](super::draws::uniform), a part in 10⁷ above it so that rounding can never refract
+/// light past the critical angle.
+const HALF_SCALE: f64 = 1_073_742_080.0;
 
+impl<R: Real> Problem<R> {
     /// The interface ahead, in any stack.
     #[inline(always)]
-    pub(crate) fn explicit(&self, medium: i32, step: i32) -> Ahead<R> {
+    pub(crate) fn explicit(&self, interface: i32, step: i32) -> Ahead<R> {
         let up = usize::from(step < 0);
-        let (here, beyond) = (medium as usize, (medium + step) as usize);
+        // Rays that have left are looked up too, without being moved: any entry will do.
+        let interface = interface.clamp(0, self.constants.last) as usize;
         Ahead {
-            ratio: self.ratios[2 * here + up],
-            here: self.depths[here],
-            beyond: self.depths.get(beyond).copied().unwrap_or(R::ZERO),
+            ratio: self.ratios[2 * interface + up],
+            here: self.depths[interface + up],
+            beyond: self.depths[interface + 1 - up],
+        }
+    }
+}
+
+impl<R: Real> Constants<R> {
+    /// The interface ahead, in a stack of two alternating layers.
+    #[inline(always)]
+    pub(crate) fn alternating<const STACK: u8>(&self, interface: i32, step: i32) -> Ahead<R> {
+        let up = step < 0;
+        let odd = up ^ (interface & 1 != 0);
+        let inner = choose(odd, self.odd, self.even);
+        let last = choose(up, self.back, self.out);
+        let first = choose(up, self.leave, self.enter);
+        let below = if STACK == PERIODIC { inner } else { choose(interface == self.last, last, inner) };
+        Ahead {
+            ratio: choose(interface == 0, first, below),
+            here: choose(odd, self.depth_odd, self.depth_even),
+            beyond: choose(odd, self.depth_even, self.depth_odd),
         }
     }
 
@@ -134,10 +158,10 @@ impl<R: Real> Problem<R> {
         facet: Facet<R>,
         tilt: f32,
         a: R,
-        draw: u32,
+        draw: f32,
     ) -> bool {
-        let bound = (ray.z + self.slope_max) * R::from_f32(centred(draw).abs() * (1.0 / 2_147_483_648.0));
-        bound * facet.z <= a && (SHAPE == SPACE || tilt.abs() <= self.tilt_max)
+        let bound = (ray.z + self.slope_max) * R::from_f32(draw * (1.0 / 2_147_483_648.0));
+        (bound * facet.z <= a) & (SHAPE == SPACE || tilt.abs() <= self.tilt_max)
     }
 
     /// One event: the ray meets `facet`; `choice`, uniform on (0, 2³¹], decides between reflection and refraction.
@@ -153,42 +177,47 @@ impl<R: Real> Problem<R> {
     ) -> Ray<R> {
         let space = SHAPE == SPACE;
         let ratio = ahead.ratio;
-        let contrast = R::ONE - ratio * ratio;
+        let contrast = (-ratio).mul_add(ratio, R::ONE);
         // a = |N| cos θ1, b = |N| cos θ2 (0 past the critical angle).
-        let a =
-            if space { ray.z - ray.x * facet.x - ray.y * facet.y } else { ray.z * facet.z - ray.x * facet.x };
-        let faces = a >= R::ZERO && takes(a);
+        let a = if space {
+            (-ray.x).mul_add(facet.x, (-ray.y).mul_add(facet.y, ray.z))
+        } else {
+            (-ray.x).mul_add(facet.x, ray.z * facet.z)
+        };
+        // A facet that is refused becomes a grazing one: it reflects, and adds twice nothing to the direction.
+        let a = choose((a > R::ZERO) & takes(a), a, R::ZERO);
+        let faces = a > R::ZERO;
         let scaled = a * ratio;
         let square = scaled.mul_add(scaled, if space { facet.square * contrast } else { contrast });
-        let b = if square > R::ZERO { square } else { R::ZERO }.sqrt();
+        let b = choose(square > R::ZERO, square, R::ZERO).sqrt();
         // r_s = sn/sd and r_p = pn/pd; u ≤ (r_s² + r_p²)/2 without a division.
         let (sd, sn) = (scaled + b, scaled - b);
-        let (pd, pn) = (ratio.mul_add(b, a), a - ratio * b);
+        let (pd, pn) = (ratio.mul_add(b, a), (-ratio).mul_add(b, a));
         let (both, s, p) = (sd * pd, sn * pd, pn * sd);
         let needed = R::from_f32(choice) * both * both;
-        let reflects = !faces || needed <= R::from_f64(1_073_741_824.0) * s.mul_add(s, p * p);
-        let along = if reflects { R::ONE } else { ratio };
-        let normal = if reflects { a + a } else { sn };
+        let reflects = needed <= R::from_f64(HALF_SCALE) * s.mul_add(s, p * p);
+        let along = choose(reflects, R::ONE, ratio);
+        let normal = choose(reflects, a + a, sn);
         let normal = if space { normal / facet.square } else { normal };
-        let normal = if faces { normal } else { R::ZERO };
-        let z = ray.z * along - normal * facet.z;
-        let turns = faces && z <= R::ZERO;
-        let step = if turns { -ray.step } else { ray.step };
-        let medium = if reflects { ray.medium } else { ray.medium + ray.step };
-        let met = ray.met + u32::from(faces);
+        let z = ray.z.mul_add(along, -(if space { normal } else { normal * facet.z }));
+        let turns = faces & (z <= R::ZERO);
+        // Reflected upwards or refracted onwards, the ray crosses a layer; else it meets the same interface again.
+        let crosses = reflects == turns;
+        let step = choose(turns, -ray.step, ray.step);
+        let met = ray.met + choose(faces, CROSSING, 0);
         let mut next = Ray {
             x: ray.x.mul_add(along, normal * facet.x),
             y: if space { ray.y.mul_add(along, normal * facet.y) } else { ray.y },
             z: z.abs(),
-            medium,
+            interface: choose(crosses, ray.interface + step, ray.interface),
             step,
-            met: if reflects { met } else { met | ENTERED },
+            met: choose(reflects, met, met | ENTERED),
             depth: ray.depth,
         };
         if ABSORB {
-            let layer = if reflects { ahead.here } else { ahead.beyond };
-            let crosses = reflects == turns && layer > R::ZERO && !self.is_out(&next);
-            next.depth = if crosses { ray.depth + layer / next.z } else { ray.depth };
+            let layer = choose(reflects, ahead.here, ahead.beyond);
+            let absorbs = crosses & (layer > R::ZERO) & !self.is_out(&next);
+            next.depth = choose(absorbs, ray.depth + layer / next.z, ray.depth);
         }
         next
     }
@@ -196,7 +225,6 @@ impl<R: Real> Problem<R> {
     /// Whether a ray has left the stack.
     #[inline(always)]
     pub(crate) fn is_out(&self, ray: &Ray<R>) -> bool {
-        // Interface −1 (as unsigned: the largest) or L + 1.
-        (ray.medium + (ray.step >> 1)) as u32 > self.last as u32
+        ray.interface as u32 > self.last as u32
     }
 }
