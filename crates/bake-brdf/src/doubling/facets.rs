@@ -9,6 +9,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::grid::{LARGEST_SEGMENT_RULE, segment_rule};
+use super::surface::steepest_visible_tilt;
 use crate::transport::{Facets, Normals};
 
 /// Where light goes at an event, seen from the side that it came from.
@@ -447,7 +448,7 @@ impl Interface {
         let sigma = self.facets.slope_sd;
         let mut reach = self.sampling.reach * sigma;
         if self.facets.normals == Normals::Visible {
-            reach = (6.5 * sigma).min(80_f64.to_radians());
+            reach = steepest_visible_tilt(sigma);
         }
         let (lo, hi) = ((-FRAC_PI_2 - theta).max(-reach), (FRAC_PI_2 - theta).min(reach));
         let mut at = vec![0.5 * (FRAC_PI_2 - theta), 0.5 * (-FRAC_PI_2 - theta)];
