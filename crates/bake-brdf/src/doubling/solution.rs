@@ -120,11 +120,14 @@ impl Solution {
         mut modes: Vec<ModeResult>,
     ) -> Self {
         let from_below = settings.both_sides.then(|| from_below(&grid, &mut modes));
-        let single = theta_i.iter().map(|&theta| SingleReflection::new(transport, grid.geometry, theta)).collect();
+        let single =
+            theta_i.iter().map(|&theta| SingleReflection::new(transport, grid.geometry, theta)).collect();
         let collect = |pick: fn(&ModeResult) -> &Mat<f64>| {
             (0..theta_i.len())
                 .map(|i| {
-                    Mat::from_fn(grid.len(), modes.len(), |j, m| pick(&modes[m])[(j, i)] * grid.density_factor(j, m))
+                    Mat::from_fn(grid.len(), modes.len(), |j, m| {
+                        pick(&modes[m])[(j, i)] * grid.density_factor(j, m)
+                    })
                 })
                 .collect()
         };
@@ -169,9 +172,9 @@ impl Solution {
         let count = self.settings.modes_in(self.grid.geometry);
         let columns = [0, 1].map(|parity| match self.grid.geometry {
             Geometry::Plane => Mat::full(1, 1, 1.0),
-            Geometry::Space => {
-                Mat::from_fn((count + 1 - parity) / 2, phi.len(), |k, f| azimuthal((2 * k + parity) as f64 * phi[f]))
-            }
+            Geometry::Space => Mat::from_fn((count + 1 - parity) / 2, phi.len(), |k, f| {
+                azimuthal((2 * k + parity) as f64 * phi[f])
+            }),
         });
         let phi = if self.grid.geometry == Geometry::Plane { vec![0.0] } else { phi.to_vec() };
         Basis { theta: theta.to_vec(), phi, rows, columns }
@@ -221,7 +224,8 @@ impl Solution {
     pub(super) fn compare(&mut self, coarse: &Self) {
         let (theta, weights) = self.quadrature();
         let count = if self.grid.geometry == Geometry::Plane { 1 } else { 2 * self.settings.modes + 2 };
-        let phi: Vec<f64> = (0..count).map(|f| std::f64::consts::PI * (f as f64 + 0.5) / count as f64).collect();
+        let phi: Vec<f64> =
+            (0..count).map(|f| std::f64::consts::PI * (f as f64 + 0.5) / count as f64).collect();
         let (fine_basis, coarse_basis) = (self.basis(&theta, &phi), coarse.basis(&theta, &phi));
         let tail = 2e-5 * (self.slope_sd / 10_f64.to_radians()).max(1.0).powi(5);
         let total_variation = (0..self.lobes.len())
