@@ -54,7 +54,8 @@ pub(super) const LARGEST_SEGMENT_RULE: usize = 160;
 
 /// A shared rule for a segment of the facet integral, 1 ≤ n ≤ [`LARGEST_SEGMENT_RULE`].
 pub(super) fn segment_rule(n: usize) -> &'static Rule {
-    static RULES: [OnceLock<Rule>; LARGEST_SEGMENT_RULE + 1] = [const { OnceLock::new() }; LARGEST_SEGMENT_RULE + 1];
+    static RULES: [OnceLock<Rule>; LARGEST_SEGMENT_RULE + 1] =
+        [const { OnceLock::new() }; LARGEST_SEGMENT_RULE + 1];
     let n = n.clamp(1, LARGEST_SEGMENT_RULE);
     RULES[n].get_or_init(|| gauss_legendre(n))
 }
@@ -145,15 +146,13 @@ impl Grid {
         let n = self.len();
         let mut values = [vec![0.0; n], vec![0.0; n]];
         let sine = theta.sin();
-        legendre(self.argument(theta), self.polynomials(), |k, p| {
-            match self.geometry {
-                Geometry::Plane => {
-                    axpy(&mut values[k % 2], p, &self.to_nodes[k % 2], k / 2);
-                }
-                Geometry::Space => {
-                    axpy(&mut values[0], p, &self.to_nodes[0], k);
-                    axpy(&mut values[1], p * sine, &self.to_nodes[1], k);
-                }
+        legendre(self.argument(theta), self.polynomials(), |k, p| match self.geometry {
+            Geometry::Plane => {
+                axpy(&mut values[k % 2], p, &self.to_nodes[k % 2], k / 2);
+            }
+            Geometry::Space => {
+                axpy(&mut values[0], p, &self.to_nodes[0], k);
+                axpy(&mut values[1], p * sine, &self.to_nodes[1], k);
             }
         });
         values
@@ -249,7 +248,10 @@ mod tests {
             let [even, odd] = grid.cardinals(grid.theta[5]);
             for j in 0..24 {
                 let expected = f64::from(u8::from(j == 5));
-                assert!((even[j] - expected).abs() < 1e-11 && (odd[j] - expected).abs() < 1e-11, "{geometry:?} {j}");
+                assert!(
+                    (even[j] - expected).abs() < 1e-11 && (odd[j] - expected).abs() < 1e-11,
+                    "{geometry:?} {j}"
+                );
             }
         }
     }

@@ -122,7 +122,14 @@ impl Problem<'_> {
 
     /// `count` pairs of layers a, c. With half of a's absorption on either side the cell ½a·I(a|c)·c·I(c|a)·½a is
     /// its own mirror image, and doubling needs R and T only.
-    fn pairs(&self, a: Element, c: Element, count: usize, mode: usize, known: &mut HashMap<(u64, u64), Slab>) -> Slab {
+    fn pairs(
+        &self,
+        a: Element,
+        c: Element,
+        count: usize,
+        mode: usize,
+        known: &mut HashMap<(u64, u64), Slab>,
+    ) -> Slab {
         let upper = self.interface(a.above, a.below, mode, known);
         let lower = self.element(&c, mode, known);
         let pair = upper.above(&lower);
@@ -156,7 +163,8 @@ pub fn solve(
 
     let (ambient, first) = (transport.indices[0], transport.indices[1]);
     let mut sides = HashMap::new();
-    for (above, below) in std::iter::once((ambient, first)).chain(elements.iter().map(|e| (e.above, e.below))) {
+    for (above, below) in std::iter::once((ambient, first)).chain(elements.iter().map(|e| (e.above, e.below)))
+    {
         if above.to_bits() != below.to_bits() || (above, below) == (ambient, first) {
             sides.entry(key(above, below)).or_insert_with(|| Sides {
                 first: above,
@@ -167,8 +175,10 @@ pub fn solve(
     }
     let problem = Problem { grid: &grid, elements: &elements, runs: &runs, sides: &sides };
     let incident = columns(&side(ambient, first), &grid, modes, theta_i);
-    let results: Vec<ModeResult> =
-        (0..modes).into_par_iter().map(|mode| solve_mode(&problem, ambient, first, &incident, mode, settings.both_sides)).collect();
+    let results: Vec<ModeResult> = (0..modes)
+        .into_par_iter()
+        .map(|mode| solve_mode(&problem, ambient, first, &incident, mode, settings.both_sides))
+        .collect();
     Ok(Solution::assemble(transport, theta_i, *settings, grid, &incident, results))
 }
 
@@ -188,7 +198,8 @@ pub fn solve_to(
         let expected = "from 1e-9 to 0.5";
         return Err(DoublingError::Domain { field: "total_variation", value: total_variation, expected });
     }
-    let mut settings = Settings { both_sides, ..Settings::for_accuracy(transport, geometry, total_variation) };
+    let mut settings =
+        Settings { both_sides, ..Settings::for_accuracy(transport, geometry, total_variation) };
     let mut coarse = solve(transport, geometry, theta_i, &settings.coarser())?;
     let mut reached = f64::INFINITY;
     for _ in 0..ATTEMPTS {
@@ -204,10 +215,19 @@ pub fn solve_to(
     Err(DoublingError::NotReached { asked: total_variation, reached, nodes: coarse.settings.nodes })
 }
 
-fn solve_mode(problem: &Problem<'_>, ambient: f64, first: f64, incident: &[Column], mode: usize, both_sides: bool) -> ModeResult {
+fn solve_mode(
+    problem: &Problem<'_>,
+    ambient: f64,
+    first: f64,
+    incident: &[Column],
+    mode: usize,
+    both_sides: bool,
+) -> ModeResult {
     let n = problem.grid.len();
     let gather = |fate: Fate| {
-        Mat::from_fn(n, incident.len(), |j, i| incident[i].deposit(fate).map_or(0.0, |deposit| deposit[(j, mode)]))
+        Mat::from_fn(n, incident.len(), |j, i| {
+            incident[i].deposit(fate).map_or(0.0, |deposit| deposit[(j, mode)])
+        })
     };
     let top = problem.resolved(ambient, first, mode);
     let back_above = gather(Fate::ReflectedBack);

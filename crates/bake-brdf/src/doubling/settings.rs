@@ -82,7 +82,9 @@ pub enum DoublingError {
         seconds: f64,
     },
     /// The error estimate stayed above what was asked.
-    #[error("total variation {asked:e} asked, {reached:.1e} reached with {nodes} nodes: ask for less, or use the walk")]
+    #[error(
+        "total variation {asked:e} asked, {reached:.1e} reached with {nodes} nodes: ask for less, or use the walk"
+    )]
     NotReached {
         /// Total variation asked for.
         asked: f64,
@@ -102,9 +104,10 @@ impl Settings {
         let sigma = transport.facets.slope_sd.to_degrees().max(1e-6);
         // A single reflection in the first layer, refracted out, is the narrowest lobe there is: a low index
         // there narrows it.
-        let narrowing = transport.indices.get(1).map_or(1.0, |first| (1.3 * transport.indices[0] / first).max(1.0));
+        let narrowing =
+            transport.indices.get(1).map_or(1.0, |first| (1.3 * transport.indices[0] / first).max(1.0));
         let more = (digits - 3.0).max(-2.0);
-        let nodes = narrowing * (165.0 + 25.0 * more) / sigma + 4.0 + 0.9 * more.max(0.0).powi(3);
+        let nodes = narrowing * (172.0 + 25.0 * more) / sigma + 4.0 + 0.9 * more.max(0.0).powi(3);
         let modes = narrowing * (62.0 + 13.0 * more) / sigma + 5.0 + 2.0 * more.max(0.0);
         let floor = if geometry == Geometry::Plane { 28.0 } else { 16.0 };
         // The plane's lobes have kinks that the azimuth smooths out in space.
@@ -118,12 +121,12 @@ impl Settings {
         }
     }
 
-    /// The next coarser resolution, for an error estimate: its error is about the 0.8th power of this one's.
+    /// The next coarser resolution, for an error estimate.
     #[must_use]
     pub fn coarser(&self) -> Self {
         Self {
             nodes: (0.8 * self.nodes as f64).floor().max(4.0) as usize,
-            modes: (0.8 * self.modes as f64).floor().max(2.0) as usize,
+            modes: (0.8 * self.modes as f64).floor().max(2.0) as usize, // the plane keeps its two
             reach: 0.9 * self.reach,
             density: 0.9 * self.density,
             both_sides: false,
@@ -135,7 +138,7 @@ impl Settings {
     pub fn finer(&self) -> Self {
         Self {
             nodes: (1.25 * self.nodes as f64).ceil() as usize,
-            modes: (1.25 * self.modes as f64).ceil() as usize,
+            modes: if self.modes <= 2 { self.modes } else { (1.25 * self.modes as f64).ceil() as usize },
             reach: (1.1 * self.reach).min(8.0),
             density: 1.2 * self.density,
             both_sides: self.both_sides,
@@ -150,7 +153,8 @@ impl Settings {
         let products: usize = runs(&elements).iter().map(super::stack::Run::products).sum();
         let (n, modes) = (self.nodes as f64, self.modes_in(geometry) as f64);
         let sigma = transport.facets.slope_sd;
-        let line = 2.0 * self.reach * sigma * (3.5 * n * self.density) / 6.3 + 0.3 * self.reach * self.reach + 8.0;
+        let line =
+            2.0 * self.reach * sigma * (3.5 * n * self.density) / 6.3 + 0.3 * self.reach * self.reach + 8.0;
         let facets = if geometry == Geometry::Plane { line } else { 0.4 * line * line };
         let columns = 2.0 * n * (pairs.len() + 1) as f64 + incidences as f64;
         let kernels = 4.0 * columns * facets * n * (modes + 12.0);
@@ -162,7 +166,12 @@ impl Settings {
     }
 
     /// Refuses what cannot be right or cannot be paid for.
-    pub(super) fn check(&self, transport: &Transport, geometry: Geometry, theta_i: &[f64]) -> Result<(), DoublingError> {
+    pub(super) fn check(
+        &self,
+        transport: &Transport,
+        geometry: Geometry,
+        theta_i: &[f64],
+    ) -> Result<(), DoublingError> {
         check_problem(transport, theta_i)?;
         let domain = |field, value: f64, ok: bool, expected| {
             if ok { Ok(()) } else { Err(DoublingError::Domain { field, value, expected }) }
@@ -193,7 +202,12 @@ impl Settings {
 
     pub(super) fn sampling(&self, grid: &Grid) -> Sampling {
         let mode = self.modes as f64;
-        Sampling { reach: self.reach, degree: grid.polynomials() as f64, modes: [mode, mode], density: self.density }
+        Sampling {
+            reach: self.reach,
+            degree: grid.polynomials() as f64,
+            modes: [mode, mode],
+            density: self.density,
+        }
     }
 }
 
@@ -214,6 +228,11 @@ fn check_problem(transport: &Transport, theta_i: &[f64]) -> Result<(), DoublingE
         domain("theta_i", theta, (0.0..=FRAC_PI_2).contains(&theta), "from 0 to π/2")?;
     }
     let sigma = transport.facets.slope_sd;
-    domain("slope_sd", sigma, sigma > 0.0, "> 0 (smooth interfaces have no lobe to resolve: use the Fresnel closed form)")?;
+    domain(
+        "slope_sd",
+        sigma,
+        sigma > 0.0,
+        "> 0 (smooth interfaces have no lobe to resolve: use the Fresnel closed form)",
+    )?;
     domain("slope_sd", sigma, sigma <= 0.61, "at most 0.61 (35°)")
 }

@@ -93,7 +93,6 @@ pub struct Solution {
     /// Light from below, where asked for.
     pub from_below: Option<FromBelow>,
     pub(super) grid: Grid,
-    slope_sd: f64,
     single: Vec<SingleReflection>,
     /// \[incidence\]: node densities, rows nodes, columns modes.
     interior: Vec<Mat<f64>>,
@@ -120,11 +119,14 @@ impl Solution {
         mut modes: Vec<ModeResult>,
     ) -> Self {
         let from_below = settings.both_sides.then(|| from_below(&grid, &mut modes));
-        let single = theta_i.iter().map(|&theta| SingleReflection::new(transport, grid.geometry, theta)).collect();
+        let single =
+            theta_i.iter().map(|&theta| SingleReflection::new(transport, grid.geometry, theta)).collect();
         let collect = |pick: fn(&ModeResult) -> &Mat<f64>| {
             (0..theta_i.len())
                 .map(|i| {
-                    Mat::from_fn(grid.len(), modes.len(), |j, m| pick(&modes[m])[(j, i)] * grid.density_factor(j, m))
+                    Mat::from_fn(grid.len(), modes.len(), |j, m| {
+                        pick(&modes[m])[(j, i)] * grid.density_factor(j, m)
+                    })
                 })
                 .collect()
         };
@@ -133,7 +135,6 @@ impl Solution {
             settings,
             error: None,
             from_below,
-            slope_sd: transport.facets.slope_sd,
             single,
             interior: collect(|mode| &mode.interior),
             rehit: collect(|mode| &mode.rehit),
@@ -169,9 +170,9 @@ impl Solution {
         let count = self.settings.modes_in(self.grid.geometry);
         let columns = [0, 1].map(|parity| match self.grid.geometry {
             Geometry::Plane => Mat::full(1, 1, 1.0),
-            Geometry::Space => {
-                Mat::from_fn((count + 1 - parity) / 2, phi.len(), |k, f| azimuthal((2 * k + parity) as f64 * phi[f]))
-            }
+            Geometry::Space => Mat::from_fn((count + 1 - parity) / 2, phi.len(), |k, f| {
+                azimuthal((2 * k + parity) as f64 * phi[f])
+            }),
         });
         let phi = if self.grid.geometry == Geometry::Plane { vec![0.0] } else { phi.to_vec() };
         Basis { theta: theta.to_vec(), phi, rows, columns }
@@ -214,24 +215,22 @@ impl Solution {
 
     /// Compares with a coarser solution of the same problem and stores the estimate of this one's error.
     ///
-    /// Two regimes, both met in practice: while lobes are unresolved the error falls faster than exponentially in
-    /// N, and [`Settings::coarser`] takes 0.8 of it, so that d^1.25 bounds what is left of a difference d; then a
-    /// tail that falls like N⁻⁵ (kinks of the kernels at the critical angle, below 2e-5 for σ ≤ 10°, more for wider
-    /// facets), of which d/1.5 bounds what is left.
+    /// [`Settings::coarser`] takes 0.8 of the nodes. While lobes are unresolved the error falls faster than
+    /// exponentially with them, later like N⁻⁴ at worst (kinks of the kernels at the critical angle): either way at
+    /// most two thirds of the difference are left.
     pub(super) fn compare(&mut self, coarse: &Self) {
         let (theta, weights) = self.quadrature();
         let count = if self.grid.geometry == Geometry::Plane { 1 } else { 2 * self.settings.modes + 2 };
-        let phi: Vec<f64> = (0..count).map(|f| std::f64::consts::PI * (f as f64 + 0.5) / count as f64).collect();
+        let phi: Vec<f64> =
+            (0..count).map(|f| std::f64::consts::PI * (f as f64 + 0.5) / count as f64).collect();
         let (fine_basis, coarse_basis) = (self.basis(&theta, &phi), coarse.basis(&theta, &phi));
-        let tail = 2e-5 * (self.slope_sd / 10_f64.to_radians()).max(1.0).powi(5);
         let total_variation = (0..self.lobes.len())
             .map(|i| {
                 let difference = self.interior(i, &fine_basis) - coarse.interior(i, &coarse_basis);
                 let sum: f64 = (0..count)
                     .map(|f| difference.col(f).iter().zip(&weights).map(|(d, w)| w * d.abs()).sum::<f64>())
                     .sum();
-                let apart = 0.5 * sum / count as f64 / self.lobes[i].albedo.max(1e-300);
-                apart.min(apart.powf(1.25) + (apart / 1.5).min(tail))
+                0.5 * sum / count as f64 / self.lobes[i].albedo.max(1e-300) / 1.5
             })
             .collect();
         let largest = |pick: fn(&Lobe) -> f64| {

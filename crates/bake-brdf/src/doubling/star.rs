@@ -71,7 +71,12 @@ pub(super) struct Slab {
 impl Slab {
     /// No interface at all.
     pub(super) fn nothing(n: usize) -> Self {
-        Self { r: Mat::zeros(n, n), t: Mat::identity(n, n), r_below: Mat::zeros(n, n), t_below: Mat::identity(n, n) }
+        Self {
+            r: Mat::zeros(n, n),
+            t: Mat::identity(n, n),
+            r_below: Mat::zeros(n, n),
+            t_below: Mat::identity(n, n),
+        }
     }
 
     /// The same interface or slab upside down.
@@ -92,7 +97,12 @@ impl Slab {
         add_times(&mut r, self.t_below.as_ref(), times(lower.r.as_ref(), down.as_ref()).as_ref());
         let mut r_below = lower.r_below.clone();
         add_times(&mut r_below, lower.t.as_ref(), times(self.r_below.as_ref(), up.as_ref()).as_ref());
-        Self { r, t: times(lower.t.as_ref(), down.as_ref()), r_below, t_below: times(self.t_below.as_ref(), up.as_ref()) }
+        Self {
+            r,
+            t: times(lower.t.as_ref(), down.as_ref()),
+            r_below,
+            t_below: times(self.t_below.as_ref(), up.as_ref()),
+        }
     }
 
     /// Absorption in a layer above the slab: `keep` is exp(−τ/|cos θ|) at each node.
@@ -219,7 +229,8 @@ impl Resolved {
             place(&mut once, Fate::Refracted, far);
             place(&mut back, Fate::ReflectedBack, near);
             place(&mut back, Fate::RefractedBack, far);
-            if column.deposit(Fate::ReflectedBack).is_some() || column.deposit(Fate::RefractedBack).is_some() {
+            if column.deposit(Fate::ReflectedBack).is_some() || column.deposit(Fate::RefractedBack).is_some()
+            {
                 again.push(state);
             }
         }

@@ -32,8 +32,15 @@ impl SingleReflection {
     pub fn new(transport: &Transport, geometry: Geometry, theta_i: f64) -> Self {
         let facets = transport.facets;
         let (sine, cosine) = theta_i.sin_cos();
-        let mut lobe =
-            Self { geometry, facets, eta: transport.indices[0] / transport.indices[1], sine, cosine, theta_i, norm: 1.0 };
+        let mut lobe = Self {
+            geometry,
+            facets,
+            eta: transport.indices[0] / transport.indices[1],
+            sine,
+            cosine,
+            theta_i,
+            norm: 1.0,
+        };
         lobe.norm = 1.0 / lobe.total();
         lobe
     }
@@ -116,7 +123,8 @@ impl SingleReflection {
         let sigma = self.facets.slope_sd;
         let cos_i = 0.5 * square.sqrt();
         let cosine_cubed = z * z * z / (square * square.sqrt());
-        let weight = (-0.5 * (slope_x * slope_x + slope_y * slope_y) / (sigma * sigma)).exp() * self.visibility(slope_x);
+        let weight = (-0.5 * (slope_x * slope_x + slope_y * slope_y) / (sigma * sigma)).exp()
+            * self.visibility(slope_x);
         weight * fresnel(self.eta, cos_i).0 * self.norm / (4.0 * cos_i * cosine_cubed)
     }
 }
