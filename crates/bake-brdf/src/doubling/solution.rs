@@ -1,10 +1,12 @@
 //! What a solution holds, and how it is read.
 
 use faer::Mat;
+use rayon::prelude::*;
 
 use super::facets::Fate;
 use super::grid::Grid;
 use super::kernel::Column;
+use super::rehit::RehitLobe;
 use super::settings::Settings;
 use super::star::{Slab, times};
 use super::surface::SingleReflection;
@@ -96,7 +98,10 @@ pub struct Solution {
     single: Vec<SingleReflection>,
     /// \[incidence\]: node densities, rows nodes, columns modes.
     interior: Vec<Mat<f64>>,
+    /// Plane: node densities of both parities.
     rehit: Vec<Mat<f64>>,
+    /// Space: the lobe resolved in azimuth.
+    rehit_lobes: Vec<Option<RehitLobe>>,
     transmitted: Vec<Mat<f64>>,
 }
 
@@ -119,8 +124,14 @@ impl Solution {
         mut modes: Vec<ModeResult>,
     ) -> Self {
         let from_below = settings.both_sides.then(|| from_below(&grid, &mut modes));
-        let single =
+        let single: Vec<SingleReflection> =
             theta_i.iter().map(|&theta| SingleReflection::new(transport, grid.geometry, theta)).collect();
+        let lobes = totals(transport, theta_i, &grid, incident, &modes);
+        let rehit_lobes = lobes
+            .par_iter()
+            .zip(&single)
+            .map(|(lobe, single)| RehitLobe::new(transport, grid.geometry, single, lobe.theta_i, lobe.rehit))
+            .collect();
         let collect = |pick: fn(&ModeResult) -> &Mat<f64>| {
             (0..theta_i.len())
                 .map(|i| {
@@ -131,7 +142,8 @@ impl Solution {
                 .collect()
         };
         Self {
-            lobes: totals(transport, theta_i, &grid, incident, &modes),
+            lobes,
+            rehit_lobes,
             settings,
             error: None,
             from_below,
@@ -194,7 +206,11 @@ impl Solution {
     /// Density of what met interface 0 more than once and never entered.
     #[must_use]
     pub fn rehit(&self, incidence: usize, basis: &Basis) -> Mat<f64> {
-        evaluate(&self.rehit[incidence], basis)
+        match (&self.rehit_lobes[incidence], self.grid.geometry) {
+            (_, Geometry::Plane) => evaluate(&self.rehit[incidence], basis),
+            (Some(lobe), _) => lobe.values(&basis.theta, &basis.phi),
+            (None, _) => Mat::zeros(basis.theta.len(), basis.phi.len()),
+        }
     }
 
     /// Density of what interface 0 reflected at its first facet: the closed form.
