@@ -184,7 +184,13 @@ impl ExitAxis {
             Self::Plane { .. } => None,
             Self::Space { phi_cells, width, .. } => {
                 let centre = self.columns_at(theta_i).centre;
-                Some(Stretched { lo: 0.0, centre: 0.0, hi: PI, width: width / centre.sin(), cells: phi_cells })
+                Some(Stretched {
+                    lo: 0.0,
+                    centre: 0.0,
+                    hi: PI,
+                    width: width / centre.sin(),
+                    cells: phi_cells,
+                })
             }
         }
     }
@@ -197,7 +203,7 @@ mod tests {
     fn axes() -> Vec<Stretched> {
         let mut axes = Vec::new();
         for width in [1e-7, 1e-4, 0.07, MAX_WIDTH] {
-            for theta_i in [0.0, 1e-9, 0.5, 1.2, 1.5707, FRAC_PI_2] {
+            for theta_i in [0.0, 1e-9, 0.5, 1.2, 1.5706, FRAC_PI_2] {
                 axes.push(ExitAxis::Plane { cells: 96, width }.columns_at(theta_i));
                 let space = ExitAxis::Space { theta_cells: 64, phi_cells: 24, width };
                 axes.push(space.columns_at(theta_i));

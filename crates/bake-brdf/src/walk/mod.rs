@@ -3,6 +3,8 @@
 //! A path's random numbers are a function of (seed, θi, path number) alone, so that any thread count, SIMD
 //! width, resume or shard gives the same exits.
 
+pub mod lanes;
+
 /// How a path ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]

@@ -1,0 +1,194 @@
+//! Random numbers of a path: its generator, and facet tilts drawn from it.
+//!
+//! Two 32-bit words make one event of a space walk, three make two events of a plane walk: see [`Pair`].
+
+use std::hint::select_unpredictable;
+
+use super::real::Real;
+
+/// The state of xoshiro128+ (Blackman & Vigna 2021), one per path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Generator {
+    pub(crate) state: [u32; 4],
+}
+
+/// The finaliser of SplitMix64 (Stafford's mix 13): a bijection in which every input bit flips every output bit
+/// with probability one half.
+fn mix(mut z: u64) -> u64 {
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// 2⁶⁴ divided by the golden ratio, odd: successive multiples are spread evenly.
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// What all paths of one incidence share: a hash of (seed, θi).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Stream {
+    key: [u64; 2],
+}
+
+impl Stream {
+    /// The stream of one seed and incidence (radians; its exact bits count).
+    pub(crate) fn new(seed: u64, theta_i: f64) -> Self {
+        let incidence = mix((theta_i + 0.0).to_bits().wrapping_add(GOLDEN));
+        let first = mix(mix(seed.wrapping_add(GOLDEN)) ^ incidence);
+        Self { key: [first, mix(first.wrapping_add(GOLDEN))] }
+    }
+
+    /// The generator of path number `path`, and 32 bits beside it for its absorption budget.
+    #[inline(always)]
+    pub(crate) fn path(&self, path: u64) -> (Generator, u32) {
+        let counter = mix(path.wrapping_mul(GOLDEN).wrapping_add(self.key[0]));
+        let low = mix(counter ^ self.key[1]);
+        let high = mix(low.wrapping_add(GOLDEN).wrapping_add(counter));
+        let state = [low as u32, (low >> 32) as u32, high as u32, (high >> 32) as u32 | 1];
+        (Generator { state }, (counter >> 32) as u32)
+    }
+}
+
+impl Generator {
+    /// The next 32 bits.
+    #[inline(always)]
+    pub(crate) fn next(&mut self) -> u32 {
+        let [s0, s1, s2, s3] = self.state;
+        let result = s0.wrapping_add(s3);
+        let (s2, s3) = (s2 ^ s0, s3 ^ s1);
+        let (s1, s0) = (s1 ^ s2, s0 ^ s3);
+        self.state = [s0, s1, s2 ^ (self.state[1] << 9), s3.rotate_left(11)];
+        result
+    }
+}
+
+/// A word as a uniform odd integer in (−2³¹, 2³¹). Its magnitude, as a fraction of 2³¹, is uniform on the middles of
+/// 2³⁰ cells, and small values keep their resolution: neither a small reflectance nor the tail of the tilts is cut off
+/// by the 24 bits of an f32.
+#[inline(always)]
+fn odd(word: u32) -> f32 {
+    (word | 1) as i32 as f32
+}
+
+/// A word as a uniform on (0, 2³¹]: the middles of 2³⁰ cells.
+#[inline(always)]
+pub(crate) fn uniform(word: u32) -> f32 {
+    odd(word & 0x7fff_ffff)
+}
+
+/// ln v on 1 ≤ v ≤ 2 in powers of v, minimax, |error| < 2·10⁻⁷.
+const LOG: [f64; 8] = [
+    -2.249_635_396_0,
+    4.944_890_813_8,
+    -5.194_534_754_2,
+    4.007_387_706_0,
+    -2.069_058_603_1,
+    0.677_963_540_35,
+    -0.127_497_211_51,
+    0.010_484_096_913,
+];
+/// sin(πt/2)/t in t² on |t| ≤ 1, minimax, |error| < 6·10⁻⁷.
+const SIN: [f32; 4] = [1.570_791_011_1, -0.645_892_849_55, 0.079_434_344_612, -0.004_333_095_289_8];
+/// cos(πt/2) in t² on |t| ≤ 1, minimax, |error| < 5·10⁻⁸.
+const COS: [f32; 5] =
+    [0.999_999_995_35, -1.233_698_214_7, 0.253_650_744_64, -0.020_810_627_519, 0.000_858_190_619_53];
+
+/// Two independent normal deviates from two words (Box & Muller 1958), by polynomials.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Normal {
+    /// −2σ² ln 2.
+    octave: f32,
+    /// −2σ² times [`LOG`].
+    log: [f32; 8],
+}
+
+/// The words of one draw.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pair {
+    /// Sets the radius and, by its sign, the half circle.
+    radius: u32,
+    /// Low half: the angle in that half circle. High half: [`Pair::choice`].
+    angle: u32,
+}
+
+impl Pair {
+    #[inline(always)]
+    pub(crate) fn draw(generator: &mut Generator) -> Self {
+        Self { radius: generator.next(), angle: generator.next() }
+    }
+
+    /// A third [`uniform`]: the 16 bits of `angle` that the angle leaves, continued by the lowest 16 of
+    /// `radius`, which move the radius by less than 2⁻¹⁵ of its law.
+    #[inline(always)]
+    pub(crate) fn choice(self) -> f32 {
+        uniform((self.angle & 0xffff_0000) | (self.radius & 0xffff))
+    }
+}
+
+impl Normal {
+    /// Deviates of standard deviation `sd`.
+    pub(crate) fn new(sd: f64) -> Self {
+        let scale = -2.0 * sd * sd;
+        Self { octave: (scale * std::f64::consts::LN_2) as f32, log: LOG.map(|c| (scale * c) as f32) }
+    }
+
+    /// The largest deviate, in units of the standard deviation: √(2 ln 2³²) and a little.
+    pub(crate) const MAX: f64 = 6.67;
+
+    /// Two independent deviates.
+    #[inline(always)]
+    pub(crate) fn deviates(&self, pair: Pair) -> (f32, f32) {
+        let uniform = odd(pair.radius);
+        // |uniform|·2⁻³¹ = v·2^e with 1 ≤ v < 2 and e ≤ 0.
+        let bits = uniform.abs().to_bits();
+        let e = (bits.wrapping_sub((127 + 31) << 23) as i32 >> 23) as f32;
+        let v = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000);
+        let [constant, linear @ ..] = self.log;
+        let square = horner(&linear, v).mul_add(v, e.mul_add(self.octave, constant));
+        let radius = select_unpredictable(square > 0.0, square, 0.0).sqrt().copysign(uniform);
+        let t = ((pair.angle << 16) as i32) as f32 * (1.0 / 2_147_483_648.0);
+        let z = t * t;
+        (radius * horner(&COS, z), radius * t * horner(&SIN, z))
+    }
+}
+
+/// Σ c_k x^k.
+#[inline(always)]
+fn horner<R: Real, const N: usize>(coefficients: &[R; N], x: R) -> R {
+    let mut sum = coefficients[N - 1];
+    for &c in coefficients[..N - 1].iter().rev() {
+        sum = sum.mul_add(x, c);
+    }
+    sum
+}
+
+/// sin α/α and cos α in α² on |α| ≤ 0.27, minimax, |error| < 4·10⁻¹⁰ and 2·10⁻⁸.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TiltSinCos<R> {
+    sin: [R; 3],
+    cos: [R; 3],
+}
+
+impl<R: Real> TiltSinCos<R> {
+    /// Largest |α| (radians) with no halvings; each halving doubles it.
+    pub(crate) const REACH: f64 = 0.27;
+
+    pub(crate) fn new() -> Self {
+        Self {
+            sin: [9.999_999_916_104e-1, -1.666_657_457_094e-1, 8.308_054_673_418e-3].map(R::from_f64),
+            cos: [9.999_999_832_286e-1, -4.999_958_571_152e-1, 4.151_503_033_840e-2].map(R::from_f64),
+        }
+    }
+
+    /// (sin α, cos α), from the polynomials at α/2ʰ and h double-angle steps, h = `halvings`.
+    #[inline(always)]
+    pub(crate) fn of(&self, alpha: R, halvings: u8) -> (R, R) {
+        let alpha = if halvings == 0 { alpha } else { alpha * R::from_f64(1.0 / f64::from(1 << halvings)) };
+        let z = alpha * alpha;
+        let (mut s, mut c) = (alpha * horner(&self.sin, z), horner(&self.cos, z));
+        for _ in 0..halvings {
+            let double = s + s;
+            (s, c) = (double * c, (-double).mul_add(s, R::ONE));
+        }
+        (s, c)
+    }
+}

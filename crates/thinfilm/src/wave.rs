@@ -1,0 +1,596 @@
+//! Amplitudes of one stack at one wavelength and angle, in a form that survives every case.
+//!
+//! The admittance vector (B, C) = (ψ, q-weighted derivative of ψ) is carried from the substrate up to the
+//! ambient. One layer of phase δ = k₀·kz·d and attenuation b = Im δ multiplies it by
+//!
+//! ```text
+//! e^b · | e^-b cos δ       −i e^-b sin δ / q |
+//!       | −i e^-b q sin δ   e^-b cos δ       |
+//! ```
+//!
+//! whose scaled entries never exceed 1 in size (times q); e^b goes into a binary exponent. sin δ/q and q sin δ are formed
+//! from sin δ/δ, so that a layer at its own critical angle (q = 0) is nothing special. Runs of many periods are
+//! doubled as scattering matrices ([`crate::scattering`]), O(log N).
+
+use num_complex::Complex64;
+
+use crate::scaled::{Scaled, exp_parts, exponent_of, times_power_of_two};
+use crate::scattering::Scattering;
+
+/// Which of the two linear polarisations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Polarisation {
+    /// E perpendicular to the plane of incidence (TE).
+    S,
+    /// E in the plane of incidence (TM).
+    P,
+}
+
+/// Direction of the incident wave.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Incidence {
+    /// Angle from the normal in the ambient, radians, 0 to π/2.
+    Angle(f64),
+    /// In-plane wavenumber over k₀, kₓ = N₀ sin θ, from 0 to N₀.
+    InPlane(f64),
+}
+
+/// A homogeneous layer at one wavelength.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layer {
+    /// Complex index n + ik.
+    pub index: Complex64,
+    /// Thickness in metres.
+    pub thickness: f64,
+}
+
+/// A unit of layers, from the ambient side down, that stands `repeat` times in a row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// The layers of one period.
+    pub unit: Vec<Layer>,
+    /// How often the unit stands there; 0 means not at all.
+    pub repeat: u64,
+}
+
+/// A stack at one wavelength: complex indices and thicknesses only.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Multilayer {
+    /// Complex index of the half space that the light comes from.
+    pub ambient: Complex64,
+    /// Runs of layers from the ambient side down.
+    pub runs: Vec<Run>,
+    /// Complex index of the half space behind the layers.
+    pub substrate: Complex64,
+}
+
+/// What one wave does at a stack; signs and meanings as in the [crate's conventions](crate#conventions).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Response {
+    /// Amplitude reflectance r.
+    pub r: Complex64,
+    /// Amplitude transmittance t (ratio of E), 0 where it underflows.
+    pub t: Complex64,
+    /// ln |t|, also where t underflows.
+    pub ln_abs_t: f64,
+    /// Reflectance R.
+    pub reflectance: f64,
+    /// Transmittance T, 0 where it underflows.
+    pub transmittance: f64,
+    /// ln T, also where T underflows; −∞ where T is exactly 0.
+    pub ln_transmittance: f64,
+    /// 1 − R − T; exactly 0 for layers without absorption. Where it is small, [`crate::field`] has its digits.
+    pub absorptance: f64,
+}
+
+/// Why a wave has no answer.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum WaveError {
+    /// The angle of incidence is outside 0 to 90°.
+    #[error("the angle of incidence is {theta_deg} deg; it must lie between 0 and 90 deg")]
+    Angle {
+        /// Angle in degrees.
+        theta_deg: f64,
+    },
+    /// The in-plane wavenumber is beyond grazing incidence.
+    #[error("the in-plane wavenumber is {kx}; it must lie between 0 and the ambient index {ambient}")]
+    InPlane {
+        /// kₓ/k₀.
+        kx: f64,
+        /// Real index of the ambient.
+        ambient: f64,
+    },
+    /// The wavelength is not a positive length.
+    #[error("the wavelength is {wavelength_nm} nm; it must be positive and finite")]
+    Wavelength {
+        /// Wavelength in nm.
+        wavelength_nm: f64,
+    },
+    /// An index is not usable.
+    #[error("{medium} has the index {index}; n and k must be finite, n >= 0 and not both 0")]
+    Index {
+        /// Which medium.
+        medium: String,
+        /// The index.
+        index: Complex64,
+    },
+    /// Negative k without permission.
+    #[error("{medium} has k = {k}: a negative k is gain, which must be asked for; k >= 0 absorbs")]
+    Gain {
+        /// Which medium.
+        medium: String,
+        /// The extinction coefficient.
+        k: f64,
+    },
+    /// A thickness is not a length.
+    #[error("layer {layer} is {thickness_nm} nm thick; a thickness must be finite and not negative")]
+    Thickness {
+        /// Number of the layer in its run, from 1.
+        layer: usize,
+        /// Thickness in nm.
+        thickness_nm: f64,
+    },
+    /// A layer holds so many wavelengths that f64 does not know its phase.
+    #[error("layer {layer} has a phase of {phase:e} rad; beyond 1e15 rad f64 does not know it")]
+    Phase {
+        /// Number of the layer in its run, from 1.
+        layer: usize,
+        /// |δ|.
+        phase: f64,
+    },
+    /// With gain: the stack lases, or the amplitude is beyond f64.
+    #[error("the reflected amplitude is not finite: the stack is at its lasing threshold or beyond f64")]
+    Unbounded,
+    /// More layers than can be taken one by one.
+    #[error("{layers} layers are too many to list one by one (at most {most})")]
+    TooManyLayers {
+        /// Number of layers.
+        layers: u128,
+        /// The limit.
+        most: u64,
+    },
+    /// The stack has none of what the request needs.
+    #[error("{0}")]
+    Unsuitable(String),
+}
+
+impl Polarisation {
+    /// Both, s first.
+    pub const BOTH: [Self; 2] = [Self::S, Self::P];
+}
+
+/// √w on the branch Im ≥ 0, Re ≥ 0 where Im = 0, each component to full relative accuracy.
+#[must_use]
+pub fn sqrt_upper(w: Complex64) -> Complex64 {
+    let size = w.re.abs().max(w.im.abs());
+    let Some(exponent) = exponent_of(size) else {
+        return if size == 0.0 { Complex64::new(0.0, 0.0) } else { w.sqrt() };
+    };
+    // Scaled by an even power of two, so that neither tiny nor huge w leaves the range of f64.
+    let even = exponent & !1;
+    let w = times_power_of_two(w, -even);
+    let larger = ((w.norm() + w.re.abs()) / 2.0).sqrt();
+    let smaller = w.im / (2.0 * larger);
+    let root = if w.re >= 0.0 { Complex64::new(larger, smaller) } else { Complex64::new(smaller, larger) };
+    let root = if root.im < 0.0 { -root } else { root };
+    times_power_of_two(Complex64::new(root.re + 0.0, root.im + 0.0), even / 2)
+}
+
+/// The plane wave's in-plane part, in the two forms that lose no digits.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct InPlaneWave {
+    ambient: Complex64,
+    kind: InPlaneKind,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum InPlaneKind {
+    /// N₀² cos²θ and kₓ.
+    Angle { cos2: Complex64, kx: Complex64 },
+    InPlane(f64),
+}
+
+impl InPlaneWave {
+    pub(crate) fn new(ambient: Complex64, incidence: Incidence) -> Result<Self, WaveError> {
+        let kind = match incidence {
+            Incidence::Angle(theta) => {
+                if !(0.0..=std::f64::consts::FRAC_PI_2).contains(&theta) {
+                    return Err(WaveError::Angle { theta_deg: theta.to_degrees() });
+                }
+                let q = ambient * theta.cos();
+                InPlaneKind::Angle { cos2: q * q, kx: ambient * theta.sin() }
+            }
+            Incidence::InPlane(kx) => {
+                if !(0.0..=ambient.re).contains(&kx) {
+                    return Err(WaveError::InPlane { kx, ambient: ambient.re });
+                }
+                InPlaneKind::InPlane(kx)
+            }
+        };
+        Ok(Self { ambient, kind })
+    }
+
+    /// kₓ/k₀.
+    pub(crate) fn kx(&self) -> Complex64 {
+        match self.kind {
+            InPlaneKind::Angle { kx, .. } => kx,
+            InPlaneKind::InPlane(kx) => Complex64::new(kx, 0.0),
+        }
+    }
+
+    /// (kz/k₀)² in a medium.
+    pub(crate) fn kz2(&self, index: Complex64) -> Complex64 {
+        match self.kind {
+            InPlaneKind::Angle { cos2, .. } => (index - self.ambient) * (index + self.ambient) + cos2,
+            InPlaneKind::InPlane(kx) => (index - kx) * (index + kx),
+        }
+    }
+
+    /// Admittance q of a medium.
+    pub(crate) fn admittance(&self, index: Complex64, polarisation: Polarisation) -> Complex64 {
+        let kz = sqrt_upper(self.kz2(index));
+        match polarisation {
+            Polarisation::S => kz,
+            Polarisation::P => kz / (index * index),
+        }
+    }
+}
+
+/// One layer's matrix without its growth: true entries are these · 2^exponent.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LayerMatrix {
+    pub(crate) cos: Complex64,
+    pub(crate) sin_over_q: Complex64,
+    pub(crate) q_sin: Complex64,
+    pub(crate) exponent: i64,
+    /// δ = k₀ kz d.
+    pub(crate) delta: Complex64,
+}
+
+impl LayerMatrix {
+    pub(crate) fn new(
+        wave: &InPlaneWave,
+        layer: Layer,
+        wavelength: f64,
+        polarisation: Polarisation,
+    ) -> Self {
+        let k0_d = std::f64::consts::TAU / wavelength * layer.thickness;
+        let kz2 = wave.kz2(layer.index);
+        let delta = sqrt_upper(kz2) * k0_d;
+        let (cos, sinc) = cos_and_sinc(delta);
+        let (growth, exponent) = exp_parts(delta.im);
+        let (cos, sinc) = (cos * growth, sinc * (growth * k0_d));
+        let eps = layer.index * layer.index;
+        let (sin_over_q, q_sin) = match polarisation {
+            Polarisation::S => (sinc, kz2 * sinc),
+            Polarisation::P => (eps * sinc, kz2 / eps * sinc),
+        };
+        Self { cos, sin_over_q, q_sin, exponent, delta }
+    }
+}
+
+/// (e^-b cos δ, e^-b sin δ/δ), b = Im δ ≥ 0.
+pub(crate) fn cos_and_sinc(delta: Complex64) -> (Complex64, Complex64) {
+    let (a, b) = (delta.re, delta.im);
+    let (sin, cos) = a.sin_cos();
+    let less = -(-2.0 * b).exp_m1() / 2.0; // (1 − e^-2b)/2
+    let more = 1.0 - less; //                  (1 + e^-2b)/2
+    let cosine = Complex64::new(cos * more, -sin * less);
+    // Below 1e-2 three terms leave 1e-19; sin δ loses no digits above.
+    let sinc = if a.abs().max(b.abs()) < 1e-2 {
+        let z = delta * delta;
+        (1.0 - z / 6.0 * (1.0 - z / 20.0 * (1.0 - z / 42.0 * (1.0 - z / 72.0)))) * (-b).exp()
+    } else {
+        Complex64::new(sin * more, cos * less) / delta
+    };
+    (cosine, sinc)
+}
+
+/// The admittance vector at a plane: ψ = b·2^exponent, and its partner c·2^exponent.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Admittance {
+    pub(crate) b: Complex64,
+    pub(crate) c: Complex64,
+    pub(crate) exponent: i64,
+    /// The medium right below, while nothing but it has been met: there (B, C) is exactly proportional to (1, q), and a
+    /// layer of that same index only adds phase.
+    pristine: Option<Complex64>,
+}
+
+impl Admittance {
+    /// The outgoing wave of unit ψ in the substrate.
+    pub(crate) fn outgoing(substrate: Complex64, q: Complex64) -> Self {
+        Self { b: Complex64::new(1.0, 0.0), c: q, exponent: 0, pristine: Some(substrate) }
+    }
+
+    pub(crate) fn through(self, layer: Layer, matrix: &LayerMatrix) -> Self {
+        if layer.thickness == 0.0 {
+            return self;
+        }
+        if self.pristine == Some(layer.index) {
+            let (growth, exponent) = exp_parts(matrix.delta.im);
+            let phase = Complex64::from_polar(growth, -matrix.delta.re);
+            return Self { b: self.b * phase, c: self.c * phase, exponent: self.exponent + exponent, ..self };
+        }
+        let i = Complex64::i();
+        let b = matrix.cos * self.b - i * matrix.sin_over_q * self.c;
+        let c = matrix.cos * self.c - i * matrix.q_sin * self.b;
+        Self { b, c, exponent: self.exponent + matrix.exponent, pristine: None }.normalised()
+    }
+
+    fn normalised(self) -> Self {
+        let part = |z: Complex64| z.re.abs().max(z.im.abs());
+        let Some(shift) = exponent_of(part(self.b).max(part(self.c))) else { return self };
+        if shift.abs() < 64 {
+            return self;
+        }
+        Self {
+            b: times_power_of_two(self.b, -shift),
+            c: times_power_of_two(self.c, -shift),
+            exponent: self.exponent + shift,
+            ..self
+        }
+    }
+
+    /// Through a scattering matrix referred to the real admittance η on both sides.
+    fn through_scattering(self, s: &Scattering) -> Self {
+        let eta = s.reference;
+        let below = self.b + self.c / eta; // 2 × downward amplitude
+        let load = (self.b - self.c / eta) / below;
+        let inner = 1.0 / (1.0 - s.r_back * load);
+        let reflected = s.r + s.t.mantissa * s.t.mantissa * times_power_of_two(load * inner, 2 * s.t.exponent);
+        // Upwards the field grows by 1/t: keep it as an exponent.
+        let scale = below / (2.0 * s.t.mantissa * inner);
+        Self {
+            b: (1.0 + reflected) * scale,
+            c: (1.0 - reflected) * scale * eta,
+            exponent: self.exponent - s.t.exponent,
+            pristine: None,
+        }
+        .normalised()
+    }
+}
+
+/// From this many repeats on, a run is doubled; below, taking the layers one by one is as fast.
+const DOUBLING_FROM: u64 = 16;
+
+/// A phase that f64 knows to 0.1 rad: beyond, an answer would be noise.
+const LARGEST_PHASE: f64 = 1e15;
+
+impl Multilayer {
+    /// Number of layers, repeats counted.
+    #[must_use]
+    pub fn layer_count(&self) -> u128 {
+        self.runs.iter().map(|run| run.unit.len() as u128 * u128::from(run.repeat)).sum()
+    }
+
+    /// The layers one by one, from the ambient side down.
+    pub fn layers(&self) -> impl DoubleEndedIterator<Item = Layer> + '_ {
+        self.runs.iter().flat_map(|run| (0..run.repeat).flat_map(move |_| run.unit.iter().copied()))
+    }
+
+    /// Whether no layer and not the ambient absorbs or amplifies.
+    #[must_use]
+    pub fn is_lossless(&self) -> bool {
+        self.ambient.im == 0.0
+            && self.runs.iter().filter(|run| run.repeat > 0).all(|run| run.unit.iter().all(|l| has_real_eps(l.index)))
+    }
+
+    /// Response to a wave of one polarisation.
+    ///
+    /// # Errors
+    /// Angle, wavelength, index or thickness out of range; negative k (use [`Multilayer::solve_with_gain`]).
+    ///
+    /// ```
+    /// use num_complex::Complex64;
+    /// use thinfilm::{Incidence, Layer, Multilayer, Polarisation, Run};
+    /// let glass = Complex64::new(1.5, 0.0);
+    /// let coating = Layer { index: Complex64::new(1.5f64.sqrt(), 0.0), thickness: 550e-9 / 4.0 / 1.5f64.sqrt() };
+    /// let stack = Multilayer {
+    ///     ambient: Complex64::new(1.0, 0.0),
+    ///     runs: vec![Run { unit: vec![coating], repeat: 1 }],
+    ///     substrate: glass,
+    /// };
+    /// let response = stack.solve(550e-9, Incidence::Angle(0.0), Polarisation::S)?;
+    /// assert!(response.reflectance < 1e-30); // an ideal quarter-wave coating
+    /// # Ok::<(), thinfilm::WaveError>(())
+    /// ```
+    pub fn solve(
+        &self,
+        wavelength: f64,
+        incidence: Incidence,
+        polarisation: Polarisation,
+    ) -> Result<Response, WaveError> {
+        self.check_absorbing()?;
+        self.solve_with_gain(wavelength, incidence, polarisation)
+    }
+
+    /// As [`Multilayer::solve`], where k may be negative (gain).
+    ///
+    /// # Errors
+    /// As [`Multilayer::solve`] except for gain; [`WaveError::Unbounded`] at a lasing threshold.
+    pub fn solve_with_gain(
+        &self,
+        wavelength: f64,
+        incidence: Incidence,
+        polarisation: Polarisation,
+    ) -> Result<Response, WaveError> {
+        self.check(wavelength)?;
+        let wave = InPlaneWave::new(self.ambient, incidence)?;
+        self.check_phases(&wave, wavelength)?;
+        let top = self.top_admittance(&wave, wavelength, polarisation);
+        self.response(&wave, polarisation, top)
+    }
+
+    fn top_admittance(&self, wave: &InPlaneWave, wavelength: f64, polarisation: Polarisation) -> Admittance {
+        let q_sub = wave.admittance(self.substrate, polarisation);
+        let mut vector = Admittance::outgoing(self.substrate, q_sub);
+        for run in self.runs.iter().rev() {
+            vector = through_run(vector, run, wave, wavelength, polarisation);
+        }
+        vector
+    }
+
+    fn response(
+        &self,
+        wave: &InPlaneWave,
+        polarisation: Polarisation,
+        top: Admittance,
+    ) -> Result<Response, WaveError> {
+        let q_0 = wave.admittance(self.ambient, polarisation);
+        let q_sub = wave.admittance(self.substrate, polarisation);
+        let denominator = q_0 * top.b + top.c;
+        if denominator.norm() == 0.0 {
+            // Grazing incidence on a substrate equal to the ambient: the wave meets nothing.
+            return Ok(Response::passed());
+        }
+        let r = (q_0 * top.b - top.c) / denominator;
+        let t_psi = Scaled::new(2.0 * q_0 / denominator, -top.exponent);
+        let t = match polarisation {
+            Polarisation::S => t_psi,
+            Polarisation::P => Scaled::new(t_psi.mantissa * self.ambient / self.substrate, t_psi.exponent),
+        };
+        // |t_ψ|² Re q_sub/Re q_0, without dividing by a vanishing Re q_0 where q_0 is real.
+        let in_flux = if q_0.im == 0.0 { 4.0 * q_0.re } else { 4.0 * q_0.norm_sqr() / q_0.re };
+        let amplitude = in_flux * q_sub.re;
+        let inverse = Scaled::new(1.0 / denominator, -top.exponent);
+        let power = Scaled::new(
+            Complex64::new(amplitude * inverse.mantissa.norm_sqr(), 0.0),
+            2 * inverse.exponent,
+        );
+        let lossless = self.is_lossless();
+        let (reflectance, transmittance, ln_transmittance) = if lossless {
+            // Flux conservation says |q₀B + C|² = |q₀B − C|² + 4 q₀ Re q_sub. Dividing by the right-hand side keeps
+            // R + T = 1 to the last digit, R where it is small and T where it is small.
+            let reflected = r.norm_sqr();
+            let whole = reflected + power.value().re;
+            (reflected / whole, power.value().re / whole, power.ln_abs() - whole.ln())
+        } else {
+            (r.norm_sqr(), power.value().re, power.ln_abs())
+        };
+        let response = Response {
+            r,
+            t: t.value(),
+            ln_abs_t: t.ln_abs(),
+            reflectance,
+            transmittance,
+            ln_transmittance,
+            absorptance: if lossless { 0.0 } else { 1.0 - reflectance - transmittance },
+        };
+        response.is_finite().then_some(response).ok_or(WaveError::Unbounded)
+    }
+
+    /// # Errors
+    /// [`WaveError::Gain`] where a k is negative.
+    pub(crate) fn check_absorbing(&self) -> Result<(), WaveError> {
+        for (name, index) in self.media() {
+            if index.im < 0.0 {
+                return Err(WaveError::Gain { medium: name(), k: index.im });
+            }
+        }
+        Ok(())
+    }
+
+    pub(crate) fn check(&self, wavelength: f64) -> Result<(), WaveError> {
+        if !(wavelength.is_finite() && wavelength > 0.0 && (1.0 / wavelength).is_finite()) {
+            return Err(WaveError::Wavelength { wavelength_nm: wavelength * 1e9 });
+        }
+        for (name, index) in self.media() {
+            // Squares must not leave f64: no material comes near these bounds.
+            let size = index.norm();
+            if !(index.is_finite() && index.re >= 0.0 && (1e-60..1e60).contains(&size)) {
+                return Err(WaveError::Index { medium: name(), index });
+            }
+        }
+        let layers = self.runs.iter().flat_map(|run| run.unit.iter().enumerate());
+        for (at, layer) in layers {
+            if !(layer.thickness.is_finite() && layer.thickness >= 0.0) {
+                return Err(WaveError::Thickness { layer: at + 1, thickness_nm: layer.thickness * 1e9 });
+            }
+        }
+        Ok(())
+    }
+
+    pub(crate) fn check_phases(&self, wave: &InPlaneWave, wavelength: f64) -> Result<(), WaveError> {
+        for run in &self.runs {
+            for (at, layer) in run.unit.iter().enumerate() {
+                let k0_d = std::f64::consts::TAU / wavelength * layer.thickness;
+                let phase = sqrt_upper(wave.kz2(layer.index)).norm() * k0_d;
+                let total = phase * run.repeat as f64;
+                if !(phase <= LARGEST_PHASE && k0_d <= LARGEST_PHASE && total <= LARGEST_PHASE * 1e3) {
+                    return Err(WaveError::Phase { layer: at + 1, phase: phase.max(k0_d) });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn media(&self) -> impl Iterator<Item = (Box<dyn Fn() -> String + '_>, Complex64)> + '_ {
+        let named = |name: &'static str| -> Box<dyn Fn() -> String> { Box::new(move || name.to_owned()) };
+        let layers = self.runs.iter().flat_map(|run| {
+            run.unit.iter().enumerate().map(|(at, layer)| {
+                let name: Box<dyn Fn() -> String> = Box::new(move || format!("layer {}", at + 1));
+                (name, layer.index)
+            })
+        });
+        [(named("the ambient"), self.ambient), (named("the substrate"), self.substrate)].into_iter().chain(layers)
+    }
+}
+
+fn through_run(
+    vector: Admittance,
+    run: &Run,
+    wave: &InPlaneWave,
+    wavelength: f64,
+    polarisation: Polarisation,
+) -> Admittance {
+    let matrices: Vec<LayerMatrix> =
+        run.unit.iter().map(|layer| LayerMatrix::new(wave, *layer, wavelength, polarisation)).collect();
+    let only_substrate = run.unit.iter().all(|layer| vector.pristine == Some(layer.index));
+    if run.repeat < DOUBLING_FROM || only_substrate {
+        let once = |vector: Admittance| {
+            run.unit.iter().zip(&matrices).rev().fold(vector, |v, (layer, matrix)| v.through(*layer, matrix))
+        };
+        // A run of the substrate's own material is one thick layer of it.
+        if only_substrate && run.repeat >= DOUBLING_FROM {
+            return run.unit.iter().rev().fold(vector, |v, layer| {
+                let thick = Layer { thickness: layer.thickness * run.repeat as f64, ..*layer };
+                v.through(thick, &LayerMatrix::new(wave, thick, wavelength, polarisation))
+            });
+        }
+        return (0..run.repeat).fold(vector, |v, _| once(v));
+    }
+    match Scattering::of_run(&matrices, run.repeat) {
+        Some(scattering) => vector.through_scattering(&scattering),
+        None => vector,
+    }
+}
+
+fn has_real_eps(index: Complex64) -> bool {
+    index.im == 0.0 || index.re == 0.0
+}
+
+impl Response {
+    fn passed() -> Self {
+        let (zero, one) = (Complex64::new(0.0, 0.0), Complex64::new(1.0, 0.0));
+        Self {
+            r: zero,
+            t: one,
+            ln_abs_t: 0.0,
+            reflectance: 0.0,
+            transmittance: 1.0,
+            ln_transmittance: 0.0,
+            absorptance: 0.0,
+        }
+    }
+
+    fn is_finite(&self) -> bool {
+        self.r.is_finite()
+            && self.t.is_finite()
+            && self.reflectance.is_finite()
+            && self.transmittance.is_finite()
+            && !self.ln_transmittance.is_nan()
+            && !self.ln_abs_t.is_nan()
+    }
+}
