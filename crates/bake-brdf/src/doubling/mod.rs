@@ -9,6 +9,7 @@
 mod facets;
 mod grid;
 mod kernel;
+mod rehit;
 mod settings;
 mod solution;
 mod stack;

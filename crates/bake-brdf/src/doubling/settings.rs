@@ -107,7 +107,7 @@ impl Settings {
         let narrowing =
             transport.indices.get(1).map_or(1.0, |first| (1.3 * transport.indices[0] / first).max(1.0));
         let more = (digits - 3.0).max(-2.0);
-        let nodes = narrowing * (165.0 + 25.0 * more) / sigma + 4.0 + 0.9 * more.max(0.0).powi(3);
+        let nodes = narrowing * (172.0 + 25.0 * more) / sigma + 4.0 + 0.9 * more.max(0.0).powi(3);
         let modes = narrowing * (62.0 + 13.0 * more) / sigma + 5.0 + 2.0 * more.max(0.0);
         let floor = if geometry == Geometry::Plane { 28.0 } else { 16.0 };
         // The plane's lobes have kinks that the azimuth smooths out in space.
@@ -121,12 +121,12 @@ impl Settings {
         }
     }
 
-    /// The next coarser resolution, for an error estimate: its error is about the 0.8th power of this one's.
+    /// The next coarser resolution, for an error estimate.
     #[must_use]
     pub fn coarser(&self) -> Self {
         Self {
             nodes: (0.8 * self.nodes as f64).floor().max(4.0) as usize,
-            modes: (0.8 * self.modes as f64).floor().max(2.0) as usize,
+            modes: (0.8 * self.modes as f64).floor().max(2.0) as usize, // the plane keeps its two
             reach: 0.9 * self.reach,
             density: 0.9 * self.density,
             both_sides: false,
@@ -138,7 +138,7 @@ impl Settings {
     pub fn finer(&self) -> Self {
         Self {
             nodes: (1.25 * self.nodes as f64).ceil() as usize,
-            modes: (1.25 * self.modes as f64).ceil() as usize,
+            modes: if self.modes <= 2 { self.modes } else { (1.25 * self.modes as f64).ceil() as usize },
             reach: (1.1 * self.reach).min(8.0),
             density: 1.2 * self.density,
             both_sides: self.both_sides,
@@ -166,7 +166,7 @@ impl Settings {
     }
 
     /// Refuses what cannot be right or cannot be paid for.
-    pub fn check(
+    pub(super) fn check(
         &self,
         transport: &Transport,
         geometry: Geometry,

@@ -1,10 +1,12 @@
 //! What a solution holds, and how it is read.
 
 use faer::Mat;
+use rayon::prelude::*;
 
 use super::facets::Fate;
 use super::grid::Grid;
 use super::kernel::Column;
+use super::rehit::RehitLobe;
 use super::settings::Settings;
 use super::star::{Slab, times};
 use super::surface::SingleReflection;
@@ -93,11 +95,13 @@ pub struct Solution {
     /// Light from below, where asked for.
     pub from_below: Option<FromBelow>,
     pub(super) grid: Grid,
-    slope_sd: f64,
     single: Vec<SingleReflection>,
     /// \[incidence\]: node densities, rows nodes, columns modes.
     interior: Vec<Mat<f64>>,
+    /// Plane: node densities of both parities.
     rehit: Vec<Mat<f64>>,
+    /// Space: the lobe resolved in azimuth.
+    rehit_lobes: Vec<Option<RehitLobe>>,
     transmitted: Vec<Mat<f64>>,
 }
 
@@ -120,8 +124,14 @@ impl Solution {
         mut modes: Vec<ModeResult>,
     ) -> Self {
         let from_below = settings.both_sides.then(|| from_below(&grid, &mut modes));
-        let single =
+        let single: Vec<SingleReflection> =
             theta_i.iter().map(|&theta| SingleReflection::new(transport, grid.geometry, theta)).collect();
+        let lobes = totals(transport, theta_i, &grid, incident, &modes);
+        let rehit_lobes = lobes
+            .par_iter()
+            .zip(&single)
+            .map(|(lobe, single)| RehitLobe::new(transport, grid.geometry, single, lobe.theta_i, lobe.rehit))
+            .collect();
         let collect = |pick: fn(&ModeResult) -> &Mat<f64>| {
             (0..theta_i.len())
                 .map(|i| {
@@ -132,11 +142,11 @@ impl Solution {
                 .collect()
         };
         Self {
-            lobes: totals(transport, theta_i, &grid, incident, &modes),
+            lobes,
+            rehit_lobes,
             settings,
             error: None,
             from_below,
-            slope_sd: transport.facets.slope_sd,
             single,
             interior: collect(|mode| &mode.interior),
             rehit: collect(|mode| &mode.rehit),
@@ -196,7 +206,11 @@ impl Solution {
     /// Density of what met interface 0 more than once and never entered.
     #[must_use]
     pub fn rehit(&self, incidence: usize, basis: &Basis) -> Mat<f64> {
-        evaluate(&self.rehit[incidence], basis)
+        match (&self.rehit_lobes[incidence], self.grid.geometry) {
+            (_, Geometry::Plane) => evaluate(&self.rehit[incidence], basis),
+            (Some(lobe), _) => lobe.values(&basis.theta, &basis.phi),
+            (None, _) => Mat::zeros(basis.theta.len(), basis.phi.len()),
+        }
     }
 
     /// Density of what interface 0 reflected at its first facet: the closed form.
@@ -217,25 +231,22 @@ impl Solution {
 
     /// Compares with a coarser solution of the same problem and stores the estimate of this one's error.
     ///
-    /// Two regimes, both met in practice: while lobes are unresolved the error falls faster than exponentially in
-    /// N, and [`Settings::coarser`] takes 0.8 of it, so that d^1.25 bounds what is left of a difference d; then a
-    /// tail that falls like N⁻⁵ (kinks of the kernels at the critical angle, below 2e-5 for σ ≤ 10°, more for wider
-    /// facets), of which d/1.5 bounds what is left.
+    /// [`Settings::coarser`] takes 0.8 of the nodes. While lobes are unresolved the error falls faster than
+    /// exponentially with them, later like N⁻⁴ at worst (kinks of the kernels at the critical angle): either way at
+    /// most two thirds of the difference are left.
     pub(super) fn compare(&mut self, coarse: &Self) {
         let (theta, weights) = self.quadrature();
         let count = if self.grid.geometry == Geometry::Plane { 1 } else { 2 * self.settings.modes + 2 };
         let phi: Vec<f64> =
             (0..count).map(|f| std::f64::consts::PI * (f as f64 + 0.5) / count as f64).collect();
         let (fine_basis, coarse_basis) = (self.basis(&theta, &phi), coarse.basis(&theta, &phi));
-        let tail = 2e-5 * (self.slope_sd / 10_f64.to_radians()).max(1.0).powi(5);
         let total_variation = (0..self.lobes.len())
             .map(|i| {
                 let difference = self.interior(i, &fine_basis) - coarse.interior(i, &coarse_basis);
                 let sum: f64 = (0..count)
                     .map(|f| difference.col(f).iter().zip(&weights).map(|(d, w)| w * d.abs()).sum::<f64>())
                     .sum();
-                let apart = 0.5 * sum / count as f64 / self.lobes[i].albedo.max(1e-300);
-                apart.min(apart.powf(1.25) + (apart / 1.5).min(tail))
+                0.5 * sum / count as f64 / self.lobes[i].albedo.max(1e-300) / 1.5
             })
             .collect();
         let largest = |pick: fn(&Lobe) -> f64| {
