@@ -309,6 +309,9 @@ fn effected<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool>(
     }
 }
 
+/// Whether the build's target has a fused multiply-add of its own.
+const FUSED: bool = cfg!(any(target_feature = "fma", target_arch = "aarch64"));
+
 /// The one place where a kernel meets an instruction set.
 #[allow(unsafe_code)] // Run-time dispatch makes the walk several times as fast as the build's own target allows.
 fn compiled<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
@@ -325,7 +328,7 @@ fn compiled<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, c
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as above.
         SimdLevel::Avx2 => unsafe { avx2::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out) },
-        _ => drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out),
+        _ => drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, FUSED>(problem, job, out),
     }
 }
 
@@ -336,7 +339,7 @@ fn avx512<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, con
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out)
+    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true>(problem, job, out)
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -346,5 +349,5 @@ fn avx2<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out)
+    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true>(problem, job, out)
 }

@@ -136,27 +136,27 @@ impl Normal {
 
     /// Two independent deviates.
     #[inline(always)]
-    pub(crate) fn deviates(&self, pair: Pair) -> (f32, f32) {
+    pub(crate) fn deviates<const FUSED: bool>(&self, pair: Pair) -> (f32, f32) {
         let uniform = odd(pair.radius);
         // |uniform|·2⁻³¹ = v·2^e with 1 ≤ v < 2 and e ≤ 0.
         let bits = uniform.abs().to_bits();
         let e = (bits.wrapping_sub((127 + 31) << 23) as i32 >> 23) as f32;
         let v = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000);
         let [constant, linear @ ..] = self.log;
-        let square = horner(&linear, v).mul_add(v, e.mul_add(self.octave, constant));
+        let square = horner::<_, FUSED, _>(&linear, v).fma::<FUSED>(v, e.fma::<FUSED>(self.octave, constant));
         let radius = select_unpredictable(square > 0.0, square, 0.0).sqrt().copysign(uniform);
         let t = ((pair.angle << 16) as i32) as f32 * (1.0 / 2_147_483_648.0);
         let z = t * t;
-        (radius * horner(&COS, z), radius * t * horner(&SIN, z))
+        (radius * horner::<_, FUSED, _>(&COS, z), radius * t * horner::<_, FUSED, _>(&SIN, z))
     }
 }
 
 /// Σ c_k x^k.
 #[inline(always)]
-fn horner<R: Real, const N: usize>(coefficients: &[R; N], x: R) -> R {
+fn horner<R: Real, const FUSED: bool, const N: usize>(coefficients: &[R; N], x: R) -> R {
     let mut sum = coefficients[N - 1];
     for &c in coefficients[..N - 1].iter().rev() {
-        sum = sum.mul_add(x, c);
+        sum = sum.fma::<FUSED>(x, c);
     }
     sum
 }
@@ -181,13 +181,14 @@ impl<R: Real> TiltSinCos<R> {
 
     /// (sin α, cos α), from the polynomials at α/2ʰ and h double-angle steps, h = `halvings`.
     #[inline(always)]
-    pub(crate) fn of(&self, alpha: R, halvings: u8) -> (R, R) {
+    pub(crate) fn of<const FUSED: bool>(&self, alpha: R, halvings: u8) -> (R, R) {
         let alpha = if halvings == 0 { alpha } else { alpha * R::from_f64(1.0 / f64::from(1 << halvings)) };
         let z = alpha * alpha;
-        let (mut s, mut c) = (alpha * horner(&self.sin, z), horner(&self.cos, z));
+        let (mut s, mut c) =
+            (alpha * horner::<_, FUSED, _>(&self.sin, z), horner::<_, FUSED, _>(&self.cos, z));
         for _ in 0..halvings {
             let double = s + s;
-            (s, c) = (double * c, (-double).mul_add(s, R::ONE));
+            (s, c) = (double * c, (-double).fma::<FUSED>(s, R::ONE));
         }
         (s, c)
     }
