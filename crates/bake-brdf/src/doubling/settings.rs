@@ -166,7 +166,7 @@ impl Settings {
     }
 
     /// Refuses what cannot be right or cannot be paid for.
-    pub(super) fn check(
+    pub fn check(
         &self,
         transport: &Transport,
         geometry: Geometry,
