@@ -143,29 +143,27 @@ impl Normal {
         let e = (bits.wrapping_sub((127 + 31) << 23) as i32 >> 23) as f32;
         let v = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000);
         let [constant, linear @ ..] = self.log;
-        let square = horner::<_, FUSED, _>(&linear, v).fma::<FUSED>(v, e.fma::<FUSED>(self.octave, constant));
+        let square = horner::<_, FUSED>(&linear, v).fma::<FUSED>(v, e.fma::<FUSED>(self.octave, constant));
         let radius = select_unpredictable(square > 0.0, square, 0.0).sqrt().copysign(uniform);
         let t = ((pair.angle << 16) as i32) as f32 * (1.0 / 2_147_483_648.0);
         let z = t * t;
-        (radius * horner::<_, FUSED, _>(&COS, z), radius * t * horner::<_, FUSED, _>(&SIN, z))
+        (radius * horner::<_, FUSED>(&COS, z), radius * t * horner::<_, FUSED>(&SIN, z))
     }
 }
 
 /// Σ c_k x^k.
 #[inline(always)]
-fn horner<R: Real, const FUSED: bool, const N: usize>(coefficients: &[R; N], x: R) -> R {
-    let mut sum = coefficients[N - 1];
-    for &c in coefficients[..N - 1].iter().rev() {
-        sum = sum.fma::<FUSED>(x, c);
-    }
-    sum
+fn horner<R: Real, const FUSED: bool>(coefficients: &[R], x: R) -> R {
+    let (&last, lower) = coefficients.split_last().expect("a constant, not empty");
+    lower.iter().rev().fold(last, |sum, &c| sum.fma::<FUSED>(x, c))
 }
 
-/// sin α/α and cos α in α² on |α| ≤ 0.27, minimax, |error| < 4·10⁻¹⁰ and 2·10⁻⁸.
+/// sin α/α and cos α in powers of α², for |α| ≤ 0.27: as many terms as the precision can see, so that the normal has
+/// unit length to rounding.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TiltSinCos<R> {
-    sin: [R; 3],
-    cos: [R; 3],
+    sin: [R; 7],
+    cos: [R; 7],
 }
 
 impl<R: Real> TiltSinCos<R> {
@@ -173,10 +171,22 @@ impl<R: Real> TiltSinCos<R> {
     pub(crate) const REACH: f64 = 0.27;
 
     pub(crate) fn new() -> Self {
-        Self {
-            sin: [9.999_999_916_104e-1, -1.666_657_457_094e-1, 8.308_054_673_418e-3].map(R::from_f64),
-            cos: [9.999_999_832_286e-1, -4.999_958_571_152e-1, 4.151_503_033_840e-2].map(R::from_f64),
+        let (mut sin, mut cos) = ([0.0; 7], [0.0; 7]);
+        if R::TILT_TERMS == 3 {
+            // Minimax: |error| < 4·10⁻¹⁰ and 2·10⁻⁸, half the last place of an f32.
+            sin[..3].copy_from_slice(&[9.999_999_916_104e-1, -1.666_657_457_094e-1, 8.308_054_673_418e-3]);
+            cos[..3].copy_from_slice(&[9.999_999_832_286e-1, -4.999_958_571_152e-1, 4.151_503_033_840e-2]);
+        } else {
+            // Taylor: the next term is below 10⁻¹⁸.
+            let mut factorial = 1.0;
+            for (k, (s, c)) in sin.iter_mut().zip(&mut cos).enumerate() {
+                let n = 2.0 * k as f64;
+                *c = if k % 2 == 0 { 1.0 / factorial } else { -1.0 / factorial };
+                *s = *c / (n + 1.0);
+                factorial *= (n + 1.0) * (n + 2.0);
+            }
         }
+        Self { sin: sin.map(R::from_f64), cos: cos.map(R::from_f64) }
     }
 
     /// (sin α, cos α), from the polynomials at α/2ʰ and h double-angle steps, h = `halvings`.
@@ -184,8 +194,9 @@ impl<R: Real> TiltSinCos<R> {
     pub(crate) fn of<const FUSED: bool>(&self, alpha: R, halvings: u8) -> (R, R) {
         let alpha = if halvings == 0 { alpha } else { alpha * R::from_f64(1.0 / f64::from(1 << halvings)) };
         let z = alpha * alpha;
-        let (mut s, mut c) =
-            (alpha * horner::<_, FUSED, _>(&self.sin, z), horner::<_, FUSED, _>(&self.cos, z));
+        let terms = R::TILT_TERMS;
+        let mut s = alpha * horner::<_, FUSED>(&self.sin[..terms], z);
+        let mut c = horner::<_, FUSED>(&self.cos[..terms], z);
         for _ in 0..halvings {
             let double = s + s;
             (s, c) = (double * c, (-double).fma::<FUSED>(s, R::ONE));
