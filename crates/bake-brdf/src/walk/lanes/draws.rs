@@ -204,3 +204,131 @@ impl<R: Real> TiltSinCos<R> {
         (s, c)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Words of consecutive paths of one stream, four words each path.
+    fn pairs(count: u64) -> impl Iterator<Item = Pair> {
+        let stream = Stream::new(11, 0.5);
+        (0..count).flat_map(move |path| {
+            let (mut generator, _) = stream.path(path);
+            (0..4).map(move |_| Pair::draw(&mut generator))
+        })
+    }
+
+    /// Bounds are five standard deviations of the sample moments of independent normal deviates (seed fixed).
+    #[test]
+    fn tilts_are_normal_and_independent_of_each_other_and_of_the_choice() {
+        const PATHS: u64 = 500_000;
+        let count = 4.0 * PATHS as f64;
+        let normal = Normal::new(1.0);
+        let (mut x1, mut x2, mut x4, mut xy, mut xx_yy, mut far) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let (mut u1, mut ur, mut small) = (0.0, 0.0, 0.0);
+        for pair in pairs(PATHS) {
+            let (x, y) = normal.deviates::<true>(pair);
+            let (x, y) = (f64::from(x), f64::from(y));
+            let u = f64::from(pair.choice()) / 2_147_483_648.0;
+            x1 += x + y;
+            x2 += x * x + y * y;
+            x4 += x.powi(4) + y.powi(4);
+            xy += x * y;
+            xx_yy += (x * x - 1.0) * (y * y - 1.0);
+            far += f64::from(u8::from(x.hypot(y) > 4.0));
+            u1 += u - 0.5;
+            ur += (u - 0.5) * (x * x + y * y - 2.0);
+            small += f64::from(u8::from(u < 1e-3));
+        }
+        let beyond = (-8.0_f64).exp();
+        let scores = [
+            ("mean", x1 / (2.0 * count).sqrt()),
+            ("variance", (x2 - 2.0 * count) / (4.0 * count).sqrt()),
+            ("fourth moment", (x4 - 6.0 * count) / (192.0 * count).sqrt()),
+            ("covariance", xy / count.sqrt()),
+            ("covariance of squares", xx_yy / (4.0 * count).sqrt()),
+            ("tail beyond 4", (far - beyond * count) / (beyond * count).sqrt()),
+            ("mean of the choice", u1 / (count / 12.0).sqrt()),
+            ("choice against radius", ur / (count / 12.0 * 4.0).sqrt()),
+            ("choices below 0.001", (small - 1e-3 * count) / (1e-3 * count).sqrt()),
+        ];
+        for (name, score) in scores {
+            assert!(score.abs() < 5.0, "{name}: {score} standard deviations");
+        }
+    }
+
+    #[test]
+    fn deviates_reach_far_into_the_tail_and_no_further() {
+        let normal = Normal::new(1.0);
+        let (x, y) = normal.deviates::<true>(Pair { radius: 0, angle: 0 });
+        let radius = f64::from(x).hypot(f64::from(y));
+        // √(2 ln 2³¹): the smallest magnitude drawn is 2⁻³¹.
+        assert!((radius - (2.0 * 31.0 * std::f64::consts::LN_2).sqrt()).abs() < 1e-4, "{radius}");
+        assert!(radius < Normal::MAX);
+        // The largest rounds to 1, whose logarithm is 0 but for the polynomial's error of 2·10⁻⁷.
+        let (x, y) = normal.deviates::<true>(Pair { radius: i32::MAX as u32, angle: 0x4000 });
+        assert!(x.hypot(y) < 1e-3, "{x}, {y}");
+    }
+
+    /// χ² of the 256 values of each byte of the state over consecutive paths: 255 ± 22.6, bound five deviations.
+    #[test]
+    fn seeds_of_consecutive_paths_are_uniform() {
+        const PATHS: u64 = 100_000;
+        let stream = Stream::new(0, 0.0);
+        let mut counts = vec![[0_u32; 256]; 15];
+        for path in 0..PATHS {
+            let (generator, _) = stream.path(path);
+            // All but the byte whose lowest bit is set so that the state is never zero.
+            let bytes = generator.state.iter().flat_map(|word| word.to_le_bytes()).enumerate();
+            for (place, byte) in bytes.filter(|&(place, _)| place != 12) {
+                counts[place - usize::from(place > 12)][usize::from(byte)] += 1;
+            }
+        }
+        let expected = PATHS as f64 / 256.0;
+        for (place, counts) in counts.iter().enumerate() {
+            let chi2: f64 = counts.iter().map(|&n| (f64::from(n) - expected).powi(2) / expected).sum();
+            assert!((chi2 - 255.0).abs() < 113.0, "byte {place}: {chi2}");
+        }
+    }
+
+    /// 3 × 64 flips of 127 free bits: 12,192 fair coins, 5 deviations are 276.
+    #[test]
+    fn any_bit_of_seed_incidence_or_path_changes_half_of_the_state() {
+        let state =
+            |seed: u64, theta: u64, path: u64| Stream::new(seed, f64::from_bits(theta)).path(path).0.state;
+        let (seed, theta, path) = (42, 0.7_f64.to_bits(), 1000);
+        let base = state(seed, theta, path);
+        let distance = |other: [u32; 4]| -> u32 {
+            let differ: u32 = base.iter().zip(other).map(|(a, b)| (a ^ b).count_ones()).sum();
+            assert!((30..98).contains(&differ), "{differ} of 127 bits");
+            differ
+        };
+        let sum: u32 = (0..64)
+            .map(|bit| {
+                let flip = 1_u64 << bit;
+                distance(state(seed ^ flip, theta, path))
+                    + distance(state(seed, theta ^ flip, path))
+                    + distance(state(seed, theta, path ^ flip))
+            })
+            .sum();
+        assert!((f64::from(sum) - 12_192.0).abs() < 276.0, "{sum} of 24384");
+    }
+
+    #[test]
+    fn tilt_sines_and_cosines_are_those_of_the_library() {
+        for halvings in [0, 2, 5] {
+            let reach = TiltSinCos::<f64>::REACH * f64::from(1 << halvings);
+            for step in -1000..=1000 {
+                let alpha = reach * f64::from(step) / 1000.0;
+                let (s, c) = TiltSinCos::<f64>::new().of::<true>(alpha, halvings);
+                // Each halving may double the rounding error.
+                let bound = 1e-15 * f64::from(1 << halvings);
+                assert!((s - alpha.sin()).abs() < bound && (c - alpha.cos()).abs() < bound, "{alpha}");
+                let narrow = alpha as f32;
+                let (s, c) = TiltSinCos::<f32>::new().of::<true>(narrow, halvings);
+                let bound = 1.5e-7 * (1 << halvings) as f32;
+                assert!((s - narrow.sin()).abs() < bound && (c - narrow.cos()).abs() < bound, "{alpha}");
+            }
+        }
+    }
+}
