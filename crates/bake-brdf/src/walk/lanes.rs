@@ -265,6 +265,9 @@ impl<R: Real> Problem<R> {
 }
 
 /// Runs the kernel of a variant, compiled for a level.
+///
+/// Not every combination has a kernel of its own: the default walk (32 bits, no effect) has the leanest for each
+/// geometry and stack; with an effect a periodic stack is any alternating one; 64-bit plane walks always halve tilts.
 fn run<R: Real>(
     level: SimdLevel,
     variant: Variant,
@@ -272,10 +275,11 @@ fn run<R: Real>(
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
+    let wide = size_of::<R>() > 4;
     match variant.shape {
         SPACE => shaped::<R, SPACE>(level, variant, problem, job, out),
-        1 => shaped::<R, 1>(level, variant, problem, job, out),
-        3 => shaped::<R, 3>(level, variant, problem, job, out),
+        1 if !wide => shaped::<R, 1>(level, variant, problem, job, out),
+        3 if !wide => shaped::<R, 3>(level, variant, problem, job, out),
         _ => shaped::<R, 6>(level, variant, problem, job, out),
     }
 }
@@ -287,15 +291,16 @@ fn shaped<R: Real, const SHAPE: u8>(
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    match (variant.visible, variant.absorb) {
-        (false, false) => effected::<R, SHAPE, false, false>(level, variant, problem, job, out),
-        (false, true) => effected::<R, SHAPE, false, true>(level, variant, problem, job, out),
-        (true, false) => effected::<R, SHAPE, true, false>(level, variant, problem, job, out),
-        (true, true) => effected::<R, SHAPE, true, true>(level, variant, problem, job, out),
+    match (variant.visible, variant.absorb, variant.stack) {
+        (false, false, PERIODIC) => compiled::<R, SHAPE, false, false, PERIODIC>(level, problem, job, out),
+        (false, false, _) => stacked::<R, SHAPE, false, false>(level, variant, problem, job, out),
+        (false, true, _) => stacked::<R, SHAPE, false, true>(level, variant, problem, job, out),
+        (true, false, _) => stacked::<R, SHAPE, true, false>(level, variant, problem, job, out),
+        (true, true, _) => stacked::<R, SHAPE, true, true>(level, variant, problem, job, out),
     }
 }
 
-fn effected<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool>(
+fn stacked<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool>(
     level: SimdLevel,
     variant: Variant,
     problem: &Problem<R>,
@@ -303,9 +308,8 @@ fn effected<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool>(
     out: &mut [Exit],
 ) -> u64 {
     match variant.stack {
-        PERIODIC => compiled::<R, SHAPE, VISIBLE, ABSORB, PERIODIC>(level, problem, job, out),
-        ALTERNATING => compiled::<R, SHAPE, VISIBLE, ABSORB, ALTERNATING>(level, problem, job, out),
-        _ => compiled::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT>(level, problem, job, out),
+        EXPLICIT => compiled::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT>(level, problem, job, out),
+        _ => compiled::<R, SHAPE, VISIBLE, ABSORB, ALTERNATING>(level, problem, job, out),
     }
 }
 

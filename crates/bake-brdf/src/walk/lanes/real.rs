@@ -20,6 +20,8 @@ pub(crate) trait Real:
 {
     const ZERO: Self;
     const ONE: Self;
+    /// Terms of the sine and cosine of a tilt: see [`TiltSinCos`](super::draws::TiltSinCos).
+    const TILT_TERMS: usize;
 
     fn from_f64(value: f64) -> Self;
     fn from_f32(value: f32) -> Self;
@@ -31,10 +33,11 @@ pub(crate) trait Real:
 }
 
 macro_rules! real {
-    ($float:ident, $unfused:expr) => {
+    ($float:ident, $tilt_terms:literal, $unfused:expr) => {
         impl Real for $float {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
+            const TILT_TERMS: usize = $tilt_terms;
 
             #[inline(always)]
             fn from_f64(value: f64) -> Self {
@@ -64,8 +67,8 @@ macro_rules! real {
     };
 }
 
-real!(f32, fma_by_f64);
-real!(f64, f64::mul_add);
+real!(f32, 3, fma_by_f64);
+real!(f64, 7, f64::mul_add);
 
 /// a·b + c rounded once, from f64 operations: the product is exact in f64; the sum is rounded *to odd*, which makes the
 /// second rounding, to f32, correct (Boldo & Melquiond 2008, "Emulation of a FMA and correctly rounded sums: proved
