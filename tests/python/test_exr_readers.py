@@ -130,3 +130,62 @@ def test_counts_are_the_paths_that_were_reflected(channels, info):
         counted = channels["interior_count"][i].sum() + channels["surface_count"][i].sum()
         # Without absorption every path that leaves the top is one count.
         assert counted == pytest.approx(summary["albedo"] * summary["paths"], abs=0.5)
+
+
+# A reader written from docs/LUT-FORMAT.md alone, with nothing of ours.
+
+
+def stretched(lo, centre, hi, width, cells):
+    """Position (in cells) of a coordinate on the axis of §3."""
+
+    def position(x):
+        if centre <= lo:
+            return cells * np.arcsinh((x - lo) / width) / np.arcsinh((hi - lo) / width)
+        room = np.where(x >= centre, hi - centre, centre - lo)
+        side = np.sign(x - centre) * np.arcsinh(np.abs(x - centre) / width) / np.arcsinh(room / width)
+        return 0.5 * cells * (1 + side)
+
+    return position
+
+
+def linear(values, position):
+    """Step 1 of §4 along one axis."""
+    return np.interp(position - 0.5, np.arange(len(values)), values)
+
+
+def by_documentation(meta, channels, component, theta_i, theta_o, phi):
+    """Steps 1 to 3 of §4 at a stored incidence; angles in degrees."""
+    axis = meta["exit_axis"]
+    i = [s["theta_i_deg"] for s in meta["per_incidence"]].index(theta_i)
+    values = channels[component][i].astype(np.float64)
+    w = axis["width"]
+    ti, to, phi = np.radians([theta_i, theta_o, phi])
+    half = np.pi / 2
+    if axis["kind"] == "plane":
+        position = stretched(-half, min(ti, half - w), half, w, axis["cells"])
+        width = np.radians(meta["per_incidence"][i]["azimuth_width_deg"])
+        x = np.sin(ti) * np.sin(to) / width**2
+        e = lambda phi: np.exp((np.cos(phi) - 1) * x)
+        d = (e(phi) - e(np.pi)) / (1 - e(np.pi)) if x > 1e-6 else 0.5 * (1 + np.cos(phi))
+        return linear(values[0], position(to)) * d + linear(values[0], position(-to)) * (1 - d)
+    centre = min(max(ti, w), half - w)
+    column = stretched(0, centre, half, w, axis["theta_cells"])(to)
+    row = stretched(0, 0, np.pi, w / np.sin(centre), axis["phi_cells"])(phi)
+    return linear([linear(cells, column) for cells in values], row)
+
+
+def test_a_reader_written_from_the_documentation_agrees(table, channels, info):
+    for summary in info["per_incidence"]:
+        theta_i = summary["theta_i_deg"]
+        for phi in (3.0, 17.0, 64.0, 130.0):
+            printed = json.loads(
+                run("lut", "slice", table, "--theta-i", theta_i, "--phi", phi, "--json")
+            )
+            for component in ("interior", "surface"):
+                read = [
+                    by_documentation(info, channels, component, theta_i, theta_o, phi)
+                    for theta_o in printed["theta_o_deg"]
+                ]
+                peak = max(printed[component])
+                # The correction at stored incidences is the rounding of f32.
+                np.testing.assert_allclose(read, printed[component], rtol=1e-5, atol=1e-6 * peak)
