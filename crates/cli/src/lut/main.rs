@@ -3,6 +3,7 @@
 mod check;
 mod diff;
 mod info;
+mod merge;
 mod plot;
 mod slice;
 
@@ -56,6 +57,8 @@ enum Command {
     Diff(diff::DiffArgs),
     /// Try on a table what must hold of every table; exit 3 if something does not.
     Check(check::CheckArgs),
+    /// Make the table of a bake that was walked in shards, bit for bit that of one bake.
+    Merge(merge::MergeArgs),
     /// Print a shell completion script.
     Completions {
         /// bash, elvish, fish, powershell or zsh.
@@ -76,6 +79,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Plot(args) => plot::run(&args, cli.manners),
         Command::Diff(args) => diff::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Merge(args) => merge::run(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "lut", &mut script);
