@@ -111,7 +111,7 @@ fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> Incidenc
 
 /// Share of the incident light in each cell, by component: a Gauss rule in cell position, three points a cell on the
 /// columns and two on φ, where lobes are smoother.
-fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize) -> [Vec<f64>; 3] {
+pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize) -> [Vec<f64>; 3] {
     let theta_i = solution.lobes[incidence].theta_i;
     let columns = axis.columns_at(theta_i);
     let phi_axis = axis.phi_at(theta_i);

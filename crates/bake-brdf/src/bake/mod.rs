@@ -1,6 +1,6 @@
 //! From a recipe to a table: chooses cells and incidences, runs a solver, assembles the result.
 
-mod assemble;
+pub(crate) mod assemble;
 pub mod sampling;
 pub mod snapshot;
 
@@ -8,6 +8,7 @@ use crate::doubling;
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
 use crate::tally::Tally;
 use crate::transport::{Geometry, Transport};
+use crate::walk::lanes::Precision;
 use lut_io::axis::{ExitAxis, MAX_WIDTH};
 use lut_io::table::Table;
 use sampling::{Sampling, Shard, State};
@@ -67,6 +68,8 @@ pub struct Request {
     pub seed: u64,
     /// Most events of a path; beyond it the path is booked as truncated.
     pub event_cap: u32,
+    /// Arithmetic of the walk's geometry.
+    pub precision: Precision,
 }
 
 /// Why a bake gave no table.
@@ -212,14 +215,22 @@ impl Request {
         self.incident_deg.iter().map(|angle| angle.to_radians()).collect()
     }
 
-    fn sampling(&self, shard: Shard) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
+    pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
         self.check()?;
         let transport = self.transport()?;
         let geometry = self.geometry();
         let axis = exit_axis(geometry, transport.facets.slope_sd);
         let theta_i: Vec<f64> = self.incident_deg.iter().map(|angle| angle.to_radians()).collect();
-        let sampling =
-            Sampling::new(&transport, geometry, &axis, &theta_i, self.seed, self.event_cap, shard)?;
+        let sampling = Sampling::new(
+            &transport,
+            geometry,
+            &axis,
+            &theta_i,
+            self.seed,
+            self.event_cap,
+            self.precision,
+            shard,
+        )?;
         Ok((sampling, transport, axis))
     }
 }

@@ -93,9 +93,10 @@ impl Sampling {
         theta_i: &[f64],
         seed: u64,
         event_cap: u32,
+        precision: Precision,
         shard: Shard,
     ) -> Result<Self, BakeError> {
-        let walker = Walker::new(transport, geometry, Precision::Auto, None);
+        let walker = Walker::new(transport, geometry, precision, None);
         Ok(Self {
             walker: walker.map_err(|why| BakeError::Input(why.to_string()))?,
             cells: theta_i.iter().map(|&theta| Cells::new(axis, theta)).collect(),

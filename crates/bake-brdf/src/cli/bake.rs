@@ -5,6 +5,7 @@ use bake_brdf::bake::sampling::{Shard, State};
 use bake_brdf::bake::snapshot::{self, Snapshot};
 use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, SolverChoice, Target};
 use bake_brdf::recipe::{self, AzimuthMode, Recipe};
+use bake_brdf::walk::lanes::Precision;
 use lut_io::table::{Solver, Table};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -52,6 +53,9 @@ pub(crate) struct BakeArgs {
     /// Events after which a path is given up and booked as truncated.
     #[arg(long, value_name = "N", default_value_t = bake::DEFAULT_EVENT_CAP)]
     event_cap: u32,
+    /// Arithmetic of the walk's geometry; auto takes 32 bits where that is harmless.
+    #[arg(long, value_enum, default_value = "auto")]
+    precision: PrecisionArg,
     /// Keep a checkpoint beside the output (OUTPUT.checkpoint) from the start; without this flag, only when the bake is
     /// expected to take more than a minute. It is removed when the table is written.
     #[arg(long, conflicts_with = "shard")]
@@ -72,6 +76,13 @@ enum SolverArg {
     Walk,
     Doubling,
     Auto,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum PrecisionArg {
+    Auto,
+    F32,
+    F64,
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
@@ -226,6 +237,11 @@ fn request(args: &BakeArgs) -> Result<Request, Stop> {
         },
         seed: args.seed,
         event_cap: args.event_cap,
+        precision: match args.precision {
+            PrecisionArg::Auto => Precision::Auto,
+            PrecisionArg::F32 => Precision::F32,
+            PrecisionArg::F64 => Precision::F64,
+        },
     })
 }
 
@@ -237,7 +253,7 @@ fn budget(seconds: f64) -> Result<Duration, Stop> {
 }
 
 /// Parses `0:90:10,45` into ascending distinct angles.
-fn angles(list: &str) -> Result<Vec<f64>, Stop> {
+pub(super) fn angles(list: &str) -> Result<Vec<f64>, Stop> {
     const MOST: f64 = 1e5;
     let refuse = |item: &str| {
         Stop::BadInput(format!(
@@ -269,7 +285,7 @@ fn angles(list: &str) -> Result<Vec<f64>, Stop> {
     Ok(angles)
 }
 
-fn stop(error: BakeError) -> Stop {
+pub(super) fn stop(error: BakeError) -> Stop {
     match error {
         BakeError::Interrupted => Stop::failure(error),
         _ => Stop::bad_input(error),
@@ -332,7 +348,7 @@ fn watched<T>(
 }
 
 #[allow(clippy::print_stderr)] // the tool's voice
-fn say(line: &str) {
+pub(super) fn say(line: &str) {
     eprintln!("bake-brdf: {line}");
 }
 

@@ -21,7 +21,8 @@ use super::Exit;
 use crate::transport::{Geometry, Normals, Transport};
 
 /// The floating-point type that geometry is computed in. Random numbers are the same in both.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Precision {
     /// 32 bits where that is harmless, else 64: see [`Precision::resolve`].
     Auto,
