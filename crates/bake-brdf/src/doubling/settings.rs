@@ -165,8 +165,11 @@ impl Settings {
         }
     }
 
-    /// Refuses what cannot be right or cannot be paid for.
-    pub(super) fn check(
+    /// Refuses what cannot be right or cannot be paid for: what [`super::solve`] checks first.
+    ///
+    /// # Errors
+    /// As [`super::solve`].
+    pub fn check(
         &self,
         transport: &Transport,
         geometry: Geometry,
