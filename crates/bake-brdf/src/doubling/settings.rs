@@ -165,7 +165,10 @@ impl Settings {
         }
     }
 
-    /// Refuses what cannot be right or cannot be paid for.
+    /// Refuses what cannot be right or cannot be paid for: what [`super::solve`] checks first.
+    ///
+    /// # Errors
+    /// As [`super::solve`].
     pub fn check(
         &self,
         transport: &Transport,

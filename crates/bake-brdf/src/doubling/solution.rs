@@ -165,25 +165,12 @@ impl Solution {
     /// number. Space: θ in \[0, π/2\].
     #[must_use]
     pub fn basis(&self, theta: &[f64], phi: &[f64]) -> Basis {
-        self.basis_of(theta, phi, |modes_angle| modes_angle.cos())
-    }
-
-    fn basis_of(&self, theta: &[f64], phi: &[f64], azimuthal: impl Fn(f64) -> f64) -> Basis {
-        let n = self.grid.len();
-        let mut rows = [Mat::zeros(theta.len(), n), Mat::zeros(theta.len(), n)];
-        for (k, &angle) in theta.iter().enumerate() {
-            let sign = if angle < 0.0 { -1.0 } else { 1.0 };
-            let [even, odd] = self.grid.cardinals(angle.abs());
-            for j in 0..n {
-                rows[0][(k, j)] = even[j];
-                rows[1][(k, j)] = sign * odd[j];
-            }
-        }
+        let rows = self.grid.cardinals(theta);
         let count = self.settings.modes_in(self.grid.geometry);
         let columns = [0, 1].map(|parity| match self.grid.geometry {
             Geometry::Plane => Mat::full(1, 1, 1.0),
             Geometry::Space => Mat::from_fn((count + 1 - parity) / 2, phi.len(), |k, f| {
-                azimuthal((2 * k + parity) as f64 * phi[f])
+                ((2 * k + parity) as f64 * phi[f]).cos()
             }),
         });
         let phi = if self.grid.geometry == Geometry::Plane { vec![0.0] } else { phi.to_vec() };
