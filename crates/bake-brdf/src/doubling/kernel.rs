@@ -8,7 +8,7 @@ use faer::{Accum, Mat, Par};
 use rayon::prelude::*;
 
 use super::facets::{Events, FATES, Fate, Interface, Outcomes, Part};
-use super::grid::{Grid, legendre};
+use super::grid::Grid;
 use crate::transport::Geometry;
 
 /// Facets of one block of a deposit: what stays in the cache together.
@@ -35,6 +35,8 @@ struct Scratch {
     events: Events,
     polynomials: Vec<f64>,
     cosines: Vec<f64>,
+    /// (P_k's argument + 1)/2.
+    halves: Vec<f64>,
 }
 
 /// Columns for rays at each `theta`.
@@ -58,14 +60,21 @@ fn plane_column(interface: &Interface, grid: &Grid, theta: f64, scratch: &mut Sc
     for (weight, angle) in reflected.weight.iter().zip(&reflected.argument) {
         add_powers(&mut powers, weight * scale, *angle);
     }
+    let Scratch { events, polynomials, halves, .. } = scratch;
     let deposits = FATES.map(|fate| {
-        let outcomes = &scratch.events.by_fate[fate as usize];
+        let outcomes = &events.by_fate[fate as usize];
         if outcomes.weight.is_empty() {
             return None;
         }
         let mut moments = Mat::<f64>::zeros(n, 2);
-        for (weight, &angle) in outcomes.weight.iter().zip(&outcomes.argument) {
-            legendre(grid.argument(angle), 2 * n, |k, p| moments[(k / 2, k % 2)] += weight * scale * p);
+        polynomials.resize(BLOCK * 2 * n, 0.0);
+        for (weight, angle) in outcomes.weight.chunks(BLOCK).zip(outcomes.argument.chunks(BLOCK)) {
+            halves.clear();
+            halves.extend(angle.iter().map(|angle| 0.5 * (grid.argument(*angle) + 1.0)));
+            fill_polynomials(weight, halves, 2 * n, polynomials);
+            for (k, column) in polynomials.chunks_exact(weight.len()).take(2 * n).enumerate() {
+                moments[(k / 2, k % 2)] += scale * column.iter().sum::<f64>();
+            }
         }
         Some(to_nodes(grid, &moments))
     });
@@ -97,7 +106,13 @@ fn to_nodes(grid: &Grid, moments: &Mat<f64>) -> Mat<f64> {
     nodes
 }
 
-fn space_column(interface: &Interface, grid: &Grid, modes: usize, theta: f64, scratch: &mut Scratch) -> Column {
+fn space_column(
+    interface: &Interface,
+    grid: &Grid,
+    modes: usize,
+    theta: f64,
+    scratch: &mut Scratch,
+) -> Column {
     let mut deposits: [Option<Mat<f64>>; 4] = [const { None }; 4];
     let [reflected_pole, refracted_pole] =
         [Part::ReflectedOnly, Part::RefractedOnly].map(|part| interface.pole(theta, part));
@@ -148,8 +163,16 @@ fn add_deposit(
 ) {
     let scale = 1.0 / scratch.events.total;
     let outcomes = &scratch.events.by_fate[fate as usize];
-    let more =
-        deposit(outcomes, grid, range.0, range.1, modes, scale, &mut scratch.polynomials, &mut scratch.cosines);
+    let more = deposit(
+        outcomes,
+        grid,
+        range.0,
+        range.1,
+        modes,
+        scale,
+        &mut scratch.polynomials,
+        &mut scratch.cosines,
+    );
     match (&mut deposits[fate as usize], more) {
         (Some(all), Some(more)) => *all += more,
         (none, more @ Some(_)) => *none = more,

@@ -17,10 +17,10 @@ const LONGEST_PLAN: f64 = 3600.0;
 
 /// Seconds of one AVX-512 core behind [`Cost::seconds`]: a floating-point operation in a matrix product, a Legendre
 /// term of a tilt, a facet in space, and the rehit lobe of one grazing incidence.
-const OPERATION: f64 = 2e-11;
-const PLANE_TERM: f64 = 7e-10;
-const FACET: f64 = 6e-8;
-const REHIT: f64 = 4e-3;
+const OPERATION: f64 = 6e-11;
+const PLANE_TERM: f64 = 2e-9;
+const FACET: f64 = 2e-7;
+const REHIT: f64 = 6e-3;
 
 /// Resolution of the solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,16 +111,16 @@ impl Settings {
         let narrowing =
             transport.indices.get(1).map_or(1.0, |first| (1.3 * transport.indices[0] / first).max(1.0));
         let more = (digits - 3.0).max(-2.0);
-        let nodes = narrowing * (186.0 + 25.0 * more) / sigma + 4.0 + 1.2 * more.max(0.0).powi(3);
+        let nodes = narrowing * (186.0 + 25.0 * more) / sigma + 4.0 + 0.75 * more.max(0.0).powi(3);
         let modes = narrowing * (69.0 + 13.0 * more) / sigma + 5.0 + 2.0 * more.max(0.0);
         let floor = if geometry == Geometry::Plane { 28.0 } else { 16.0 };
         // The plane's lobes have kinks that the azimuth smooths out in space.
-        let nodes = if geometry == Geometry::Plane { 1.15 * nodes } else { nodes };
+        let nodes = if geometry == Geometry::Plane { (1.15 - 0.03 * more) * nodes } else { nodes };
         Self {
             nodes: nodes.max(floor).ceil() as usize,
             modes: if geometry == Geometry::Plane { 2 } else { modes.max(8.0).ceil() as usize },
             reach: (2.0 * digits * std::f64::consts::LN_10 + 20.0).sqrt().clamp(5.0, 8.0),
-            density: (0.7 + 0.05 * more).clamp(0.65, 1.0),
+            density: (0.7 + 0.1 * more).clamp(0.65, 1.0),
             both_sides: false,
         }
     }
@@ -131,8 +131,8 @@ impl Settings {
         Self {
             nodes: (0.8 * self.nodes as f64).floor().max(4.0) as usize,
             modes: (0.8 * self.modes as f64).floor().max(2.0) as usize, // the plane keeps its two
-            reach: 0.9 * self.reach,
-            density: 0.9 * self.density,
+            reach: 0.93 * self.reach,
+            density: 0.95 * self.density,
             both_sides: false,
         }
     }
@@ -168,7 +168,8 @@ impl Settings {
             Geometry::Plane => columns * facets * n * 4.0 * PLANE_TERM,
             Geometry::Space => columns * facets * (1.6 * n * (modes + 12.0) * OPERATION + FACET),
         };
-        let adding = modes * n * n * n * (10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64) * OPERATION;
+        let adding =
+            modes * n * n * n * (10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64) * OPERATION;
         let grazing = (6.0 * sigma / FRAC_PI_2).min(1.0) * incidences as f64;
         let rehit = if geometry == Geometry::Plane { 0.0 } else { grazing * REHIT };
         Cost {
