@@ -10,12 +10,15 @@ import math
 from peer import Result, arguments, cpu_seconds, report
 
 import drjit as dr
+import numpy as np
 from drjit.llvm import Bool, Float, Int, PCG32, UInt, UInt64
 
 
 def launch(o, paths, seed):
     lanes = min(4096, paths)
-    rng = PCG32(size=lanes, initstate=dr.opaque(UInt64, seed))
+    # A state of its own for each lane: streams of PCG32 that share one are correlated.
+    states = np.random.default_rng(seed).integers(2**63, size=lanes, dtype=np.uint64)
+    rng = PCG32(size=lanes, initstate=UInt64(states))
     space = o.dim == 3
     sigma, theta = math.radians(o.sigma_deg), math.radians(o.theta)
     start = (Float(math.sin(theta)), Float(0), Float(math.cos(theta)))
