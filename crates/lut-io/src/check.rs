@@ -174,7 +174,11 @@ fn azimuth_at_normal_incidence(table: &Table) -> Option<Finding> {
             }
         }
     }
-    Some(worst.judged("azimuth", "difference between azimuths at normal incidence, share of the peak", AZIMUTH_TOLERANCE))
+    Some(worst.judged(
+        "azimuth",
+        "difference between azimuths at normal incidence, share of the peak",
+        AZIMUTH_TOLERANCE,
+    ))
 }
 
 /// Σ|f(a→b) − f(b→a)|·cos·cos / Σ(…) in the plane of incidence over pairs of the table's incidences.
@@ -196,7 +200,10 @@ fn reciprocity(lobe: &Interpolant) -> Finding {
             worst.note(difference / sum, a.to_degrees());
         }
     }
-    worst.told("reciprocity", "defect in the plane of incidence, share of the light (unweighted facets have one)")
+    worst.told(
+        "reciprocity",
+        "defect in the plane of incidence, share of the light (unweighted facets have one)",
+    )
 }
 
 /// Median of |second difference| over its standard error, worst incidence: about 0.67 for pure noise, large where
@@ -211,7 +218,9 @@ fn roughness(table: &Table) -> Finding {
         for (v, e) in values.chunks_exact(columns).zip(errors.chunks_exact(columns)) {
             for (v, e) in v.windows(3).zip(e.windows(3)) {
                 let bend = f64::from(v[0]) - 2.0 * f64::from(v[1]) + f64::from(v[2]);
-                let error = (f64::from(e[0]).powi(2) + 4.0 * f64::from(e[1]).powi(2) + f64::from(e[2]).powi(2)).sqrt();
+                let error =
+                    (f64::from(e[0]).powi(2) + 4.0 * f64::from(e[1]).powi(2) + f64::from(e[2]).powi(2))
+                        .sqrt();
                 if error > 0.0 {
                     scores.push((bend / error).abs());
                 }

@@ -82,7 +82,8 @@ pub fn diff(a: &Interpolant, b: &Interpolant) -> Difference {
     }
     let tests: Vec<f64> = per_incidence.iter().flat_map(p_values).collect();
     let smallest_p = tests.iter().copied().reduce(f64::min);
-    let worst = per_incidence.iter().max_by(|x, y| x.total_variation_percent.total_cmp(&y.total_variation_percent));
+    let worst =
+        per_incidence.iter().max_by(|x, y| x.total_variation_percent.total_cmp(&y.total_variation_percent));
     let identical = same_bits(a.table(), b.table());
     // Bonferroni: the smallest of n p-values against SIGNIFICANCE/n.
     let unexplained = match smallest_p {

@@ -133,7 +133,8 @@ pub fn check_angles(lobe: &Interpolant, theta_i_deg: f64, phi_deg: f64) -> Resul
     let (first, last) = (per_incidence[0].theta_i_deg, per_incidence[per_incidence.len() - 1].theta_i_deg);
     let (lo, hi) = (first - SAME_INCIDENCE_DEG, last + SAME_INCIDENCE_DEG);
     if !(lo..=hi).contains(&theta_i_deg) {
-        let problem = format!("is {theta_i_deg}, expected an incidence within the table's, {first} to {last}");
+        let problem =
+            format!("is {theta_i_deg}, expected an incidence within the table's, {first} to {last}");
         return Err(crate::Flaw::new("--theta-i", problem));
     }
     if !(-180.0..=180.0).contains(&phi_deg) {
