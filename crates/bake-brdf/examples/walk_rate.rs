@@ -1,11 +1,14 @@
 //! Speed of the walk, one JSON line: ns of CPU a crossing, and the moments that show it walks rightly.
 //!
-//! `cargo run --release -p bake-brdf --example walk_rate -- --theta 30 --dim 3 --paths 4e5`
+//! `cargo run --release -p bake-brdf --example walk_rate -- --theta 30 --dim 3 --paths 4e5`; the options are those of the
+//! scripts in `tools/peers`, and `--walk lanes|reference`, `--level portable|avx2|avx512`, `--precision f32|f64`.
+//! CPU time is that of `/proc` (Linux); elsewhere wall time stands in for it.
 
 use std::error::Error;
 
 use bake_brdf::transport::{Geometry, Transport};
 use bake_brdf::walk::lanes::{Precision, SimdLevel, Walker};
+use bake_brdf::walk::reference::Reference;
 use bake_brdf::walk::{Exit, Fate};
 use rayon::prelude::*;
 
@@ -22,6 +25,7 @@ struct Options {
     threads: usize,
     level: Option<SimdLevel>,
     precision: Precision,
+    reference: bool,
 }
 
 fn options() -> Result<Options, Box<dyn Error>> {
@@ -35,6 +39,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
         threads: 1,
         level: None,
         precision: Precision::Auto,
+        reference: false,
     };
     let mut arguments = std::env::args().skip(1);
     while let Some(name) = arguments.next() {
@@ -47,6 +52,7 @@ fn options() -> Result<Options, Box<dyn Error>> {
             "--seed" => options.seed = value.parse()?,
             "--layers" => options.layers = value.parse()?,
             "--threads" => options.threads = value.parse()?,
+            "--walk" => options.reference = value == "reference",
             "--level" => {
                 options.level =
                     Some(SimdLevel::ALL.into_iter().find(|l| l.to_string() == value).ok_or("no such level")?);
@@ -64,20 +70,14 @@ fn options() -> Result<Options, Box<dyn Error>> {
     Ok(options)
 }
 
-/// CPU seconds of this process so far, all threads.
-fn cpu_seconds() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/schedstat").unwrap_or_default();
-    let _ = stat;
-    let ticks: f64 = std::fs::read_dir("/proc/self/task")
-        .map(|tasks| {
-            tasks
-                .flatten()
-                .filter_map(|task| std::fs::read_to_string(task.path().join("schedstat")).ok())
-                .filter_map(|text| text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()))
-                .sum()
-        })
-        .unwrap_or(f64::NAN);
-    ticks * 1e-9
+/// CPU seconds of all threads of this process so far, where the system tells.
+fn cpu_seconds() -> Option<f64> {
+    let mut nanoseconds = 0.0;
+    for task in std::fs::read_dir("/proc/self/task").ok()?.flatten() {
+        let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
+        nanoseconds += text.split(' ').next()?.parse::<f64>().ok()?;
+    }
+    Some(nanoseconds * 1e-9)
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -93,12 +93,19 @@ fn main() -> Result<(), Box<dyn Error>> {
     let crossings: u64 = exits
         .par_chunks_mut(CHUNK as usize)
         .enumerate()
-        .map(|(i, out)| {
-            let first = i as u64 * CHUNK;
+        .map(|(chunk, out)| {
+            let first = chunk as u64 * CHUNK;
+            if o.reference {
+                let (ends, crossings) =
+                    Reference::new(&transport, geometry).run(theta, o.seed + first, out.len() as u64);
+                out.copy_from_slice(&ends);
+                return crossings;
+            }
             walker.run(theta, o.seed, first..first + out.len() as u64, u32::MAX, out)
         })
         .sum();
-    let (cpu, wall) = (cpu_seconds() - cpu, wall.elapsed().as_secs_f64());
+    let wall = wall.elapsed().as_secs_f64();
+    let cpu = cpu_seconds().zip(cpu).map_or(wall, |(after, before)| after - before);
     let angles: Vec<f64> = exits
         .iter()
         .filter(|exit| matches!(exit.fate, Fate::Single | Fate::Rehit | Fate::Interior))
@@ -110,10 +117,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     let count = angles.len() as f64;
     let mean = angles.iter().sum::<f64>() / count;
     let sd = (angles.iter().map(|a| (a - mean).powi(2)).sum::<f64>() / count).sqrt();
+    let name = if o.reference {
+        "scalar_f64".to_string()
+    } else {
+        format!("nacre_{}_{:?}", walker.level(), walker.precision()).to_lowercase()
+    };
     println!(
         "{}",
         serde_json::json!({
-            "impl": format!("nacre_{}_{:?}", walker.level(), walker.precision()).to_lowercase(),
+            "impl": name,
             "paths": o.paths, "crossings": crossings, "wall_s": wall, "cpu_s": cpu, "threads": o.threads,
             "albedo": count / o.paths as f64, "mean_theta": mean, "sd_theta": sd,
             "ns_per_crossing_cpu": cpu / crossings as f64 * 1e9,

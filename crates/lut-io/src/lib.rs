@@ -14,6 +14,7 @@ pub mod exr_file;
 pub mod lobe;
 pub mod measure;
 pub mod monotone;
+pub mod profile;
 pub mod slice;
 pub mod spectra;
 pub mod table;

@@ -11,21 +11,25 @@
 //!    albedo, itself interpolated by a monotone cubic in θi. At a θi of the table the factor differs from 1 by
 //!    the rounding of the file only.
 //!
-//! The integral in step 4 is Σ v·W with the weights of [`crate::measure`] at the θi asked for; it is computed
-//! when an [`Interpolant`] is made, at every incidence and at steps of at most 0.5° between them, and the factor
-//! is linear between those.
+//! The integral that step 4 divides by is Σ v·W with the weights W of [`crate::measure`] at the θi asked for. For
+//! each of the two rows it is computed when an [`Interpolant`] is made, at every incidence and at steps of at most
+//! 0.5° between (shorter near 0 and 90°), and is linear between those: of a row that stays while the axis moves, only
+//! the bend of W is lost.
 
 use crate::axis::Stretched;
 use crate::decay;
 use crate::measure::{self, neighbours};
 use crate::monotone::Monotone;
 use crate::table::{Component, IncidenceSummary, Table};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::sync::Arc;
 
-/// Largest step in θi between corrections, radians.
-const CORRECTION_STEP: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// Fewest steps between two incidences: the factor is a parabola there to leading order, and four chords of it
-/// keep a fifteenth of its height as error.
+/// Largest step in θi between known integrals, radians.
+const LARGEST_STEP: f64 = 0.5 * PI / 180.0;
+/// The same as a share of hypot(w, distance of θi to 0 or 90°): there the weights bend on that scale, and a chord
+/// keeps a share of 0.05²/8 = 3e-4 of the integral as error.
+const RELATIVE_STEP: f64 = 0.05;
+/// Fewest steps between two incidences; four chords keep a sixteenth of a bend.
 const MIN_STEPS: usize = 4;
 
 /// A table with all that reading it between its nodes needs.
@@ -36,9 +40,18 @@ pub struct Interpolant {
     /// w of the decay postulate at each incidence, radians.
     azimuth_width: Vec<f64>,
     albedo: [Monotone; 3],
-    /// Where the corrections are known, radians, ascending; and their values.
-    correction_at: Vec<f64>,
-    correction: [Vec<f64>; 3],
+    /// Integrals from 0 to 90°, ascending, without gaps.
+    spans: Vec<Span>,
+}
+
+/// Hemispherical integrals of the rows that serve one range of θi.
+#[derive(Clone, Debug)]
+struct Span {
+    /// Where they are known, radians, ascending; the first and the last are the range.
+    at: Vec<f64>,
+    /// Integrals of the rows before and after θi (the same row outside the table's incidences), each component.
+    before: Vec<[f64; 3]>,
+    after: Vec<[f64; 3]>,
 }
 
 /// A table at one angle of incidence.
@@ -66,20 +79,43 @@ impl Interpolant {
         let azimuth_width = per_incidence.iter().map(|s| s.azimuth_width_deg.to_radians()).collect();
         let share = |component| per_incidence.iter().map(|s: &IncidenceSummary| s.share(component)).collect();
         let albedo = Component::ALL.map(|component| Monotone::new(theta_i.clone(), share(component)));
-        let correction_at = correction_nodes(&theta_i);
-        let correction = [vec![], vec![], vec![]];
-        let mut this = Self { table, theta_i, azimuth_width, albedo, correction_at, correction };
-        for at in 0..this.correction_at.len() {
-            let theta_i = this.correction_at[at];
-            let integrals = this.uncorrected_row(theta_i).integrals();
-            for component in Component::ALL {
-                let (albedo, integral) = (this.albedo(component, theta_i), integrals[component as usize]);
-                // A component without light, or one that no cell caught, has nothing to correct.
-                let factor = if integral > 0.0 { albedo / integral } else { 1.0 };
-                this.correction[component as usize].push(factor);
-            }
-        }
+        let mut this = Self { table, theta_i, azimuth_width, albedo, spans: Vec::new() };
+        let steps = steps(this.table.meta.exit_axis.width());
+        this.spans =
+            span_ends(&this.theta_i).windows(2).map(|ends| this.span(ends[0], ends[1], &steps)).collect();
         this
+    }
+
+    fn span(&self, from: f64, to: f64, steps: &[f64]) -> Span {
+        // Outside the table's incidences both are the nearest row.
+        let before = self.theta_i.iter().rposition(|node| *node <= from).unwrap_or(0);
+        let after = self.theta_i.iter().position(|node| *node >= to).unwrap_or(self.theta_i.len() - 1);
+        let mut at: Vec<f64> = steps.iter().copied().filter(|step| from < *step && *step < to).collect();
+        at.extend((0..MIN_STEPS).map(|k| from + (to - from) * k as f64 / MIN_STEPS as f64));
+        at.push(to);
+        at.sort_by(f64::total_cmp);
+        at.dedup();
+        let mut span = Span { at, before: Vec::new(), after: Vec::new() };
+        for theta_i in &span.at {
+            let width = self.azimuth_width(*theta_i);
+            let weights = measure::reading_weights(&self.table.meta.exit_axis, *theta_i, width);
+            span.before.push(integrals(&self.table, before, &weights));
+            span.after.push(integrals(&self.table, after, &weights));
+        }
+        span
+    }
+
+    /// Hemispherical integrals at θi as read, before the correction.
+    fn uncorrected_integrals(&self, theta_i: f64) -> [f64; 3] {
+        let last = self.spans.len() - 1;
+        let span =
+            &self.spans[self.spans.partition_point(|span| span.at[span.at.len() - 1] < theta_i).min(last)];
+        let (step, u) = bracket(&span.at, theta_i);
+        let (_, t) = bracket(&[span.at[0], span.at[span.at.len() - 1]], theta_i);
+        std::array::from_fn(|c| {
+            let along = |known: &[[f64; 3]]| known[step][c] * (1.0 - u) + known[step + 1][c] * u;
+            along(&span.before) * (1.0 - t) + along(&span.after) * t
+        })
     }
 
     /// The table.
@@ -111,8 +147,12 @@ impl Interpolant {
     #[must_use]
     pub fn row(&self, theta_i: f64) -> Row<'_> {
         let mut row = self.uncorrected_row(theta_i);
-        let (i, t) = bracket(&self.correction_at, theta_i);
-        row.correction = Component::ALL.map(|component| mix(&self.correction[component as usize], i, t));
+        let integrals = self.uncorrected_integrals(theta_i);
+        row.correction = Component::ALL.map(|component| {
+            let integral = integrals[component as usize];
+            // A component without light, or one that no cell caught, has nothing to correct.
+            if integral > 0.0 { self.albedo(component, theta_i) / integral } else { 1.0 }
+        });
         row
     }
 
@@ -267,22 +307,39 @@ fn mix(values: &[f64], i: usize, t: f64) -> f64 {
     if t == 0.0 { values[i] } else { values[i] * (1.0 - t) + values[i + 1] * t }
 }
 
-/// Every incidence and equal steps between; from 0 to 90° also outside the incidences, where rows move with the
-/// mirror direction although their values stay.
-fn correction_nodes(theta_i: &[f64]) -> Vec<f64> {
+/// Incidences at which the integrals of a table of stretch width w must be known at least, beside its own.
+fn steps(width: f64) -> Vec<f64> {
+    // Steps of RELATIVE_STEP·hypot(w, θ) are equal steps in asinh(θ/w)/RELATIVE_STEP.
+    let mut near = vec![0.0];
+    let mut theta = 0.0;
+    while theta < FRAC_PI_4 {
+        let graded = width * (RELATIVE_STEP * near.len() as f64).sinh();
+        theta = graded.min(theta + LARGEST_STEP);
+        near.push(theta);
+    }
+    let far = near.iter().map(|theta| FRAC_PI_2 - theta);
+    // Where the axis stops following the mirror direction its weights have a kink (ExitAxis::columns_at).
+    near.iter().copied().chain(far).chain([width, FRAC_PI_2 - width]).collect()
+}
+
+/// The incidences, and 0 and 90°: outside the incidences rows move with the mirror direction although their values
+/// stay.
+fn span_ends(theta_i: &[f64]) -> Vec<f64> {
     let mut ends = theta_i.to_vec();
     if ends[0] > 0.0 {
         ends.insert(0, 0.0);
     }
-    if ends[ends.len() - 1] < std::f64::consts::FRAC_PI_2 {
-        ends.push(std::f64::consts::FRAC_PI_2);
+    if ends[ends.len() - 1] < FRAC_PI_2 {
+        ends.push(FRAC_PI_2);
     }
-    let mut nodes = vec![ends[0]];
-    for pair in ends.windows(2) {
-        let room = pair[1] - pair[0];
-        let steps = ((room / CORRECTION_STEP).ceil() as usize).max(MIN_STEPS);
-        nodes.extend((1..steps).map(|k| pair[0] + room * k as f64 / steps as f64));
-        nodes.push(pair[1]);
-    }
-    nodes
+    ends
+}
+
+/// Σ value·weight of each component of the stored row at an incidence.
+fn integrals(table: &Table, incidence: usize, weights: &[f64]) -> [f64; 3] {
+    let start = incidence * weights.len();
+    Component::ALL.map(|component| {
+        let values = &table.lobe(component).value[start..start + weights.len()];
+        weights.iter().zip(values).map(|(weight, value)| weight * f64::from(*value)).sum()
+    })
 }

@@ -2,6 +2,7 @@
 
 mod specimen;
 
+use lut_io::axis::ExitAxis;
 use lut_io::decay;
 use lut_io::lobe::Interpolant;
 use lut_io::table::{Component, Table};
@@ -36,6 +37,35 @@ fn the_hemispherical_integral_is_the_albedo_at_nodes_and_between() {
                     (brute_integral(&lobe, component, theta_i), lobe.albedo(component, theta_i));
                 // The bound of the issue; the brute sum itself is good to about 1e-4.
                 assert!((read / albedo - 1.0).abs() < 1e-3, "{theta_deg} {component:?}: {read} {albedo}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_albedo_is_kept_whatever_the_width_of_the_lobe_and_the_distance_of_the_incidences() {
+    for width_deg in [0.01f64, 0.3, 10.0, 30.0] {
+        let width = width_deg.to_radians();
+        let plane = ExitAxis::Plane { cells: 96, width };
+        let space = ExitAxis::Space { theta_cells: 48, phi_cells: 16, width };
+        for axis in [plane, space] {
+            for nodes in [&[0.0, 20.0, 55.0, 90.0][..], &[10.0, 40.0][..], &[30.0][..]] {
+                let lobe = Interpolant::new(specimen::table(nodes, axis));
+                for k in 0..400 {
+                    let theta_i = FRAC_PI_2 * (k as f64 / 399.0).powi(3);
+                    for theta_i in [theta_i, FRAC_PI_2 - theta_i] {
+                        let integrals = lobe.row(theta_i).integrals();
+                        for component in Component::ALL {
+                            let albedo = lobe.albedo(component, theta_i);
+                            let error = (integrals[component as usize] / albedo.max(1e-12) - 1.0).abs();
+                            // The issue's bound, with the weights computed at θi itself.
+                            assert!(
+                                albedo < 1e-12 || error < 1e-3,
+                                "{axis:?} {nodes:?} {theta_i} {component:?} {error}"
+                            );
+                        }
+                    }
+                }
             }
         }
     }

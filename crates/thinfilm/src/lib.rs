@@ -6,13 +6,13 @@
 
 pub mod field;
 pub mod material;
+pub mod reference_case;
 mod scaled;
 mod scattering;
-pub mod reference_case;
 pub mod stack;
 pub mod wave;
 
-pub use material::{Dispersion, Material, MaterialError};
 pub use field::Field;
+pub use material::{Dispersion, Material, MaterialError};
 pub use stack::{Gain, Indices, Stack, StackError, StackLayer, StackRun};
 pub use wave::{Incidence, Layer, Multilayer, Polarisation, Response, Run, WaveError};

@@ -179,8 +179,10 @@ impl Case {
     /// A reference is not a decimal number.
     pub fn compare(&self, response: &Response, layers: u128) -> Result<Verdict, CaseError> {
         let decimal = |field: &str, text: &str| {
-            Decimal::parse(text)
-                .ok_or_else(|| CaseError { id: self.id.clone(), why: format!("ref.{field} is {text:?}, not a decimal number") })
+            Decimal::parse(text).ok_or_else(|| CaseError {
+                id: self.id.clone(),
+                why: format!("ref.{field} is {text:?}, not a decimal number"),
+            })
         };
         let tolerance = |kappa: Option<f64>| {
             let kappa = kappa.filter(|k| k.is_finite() && *k >= 0.0).unwrap_or(0.0);
@@ -227,7 +229,8 @@ impl Decimal {
         };
         let plain = mantissa.bytes().all(|c| c.is_ascii_digit() || b"+-.".contains(&c));
         let mantissa: f64 = mantissa.parse().ok()?;
-        (plain && mantissa.is_finite() && (-1_000_000..=1_000_000).contains(&exponent)).then_some(Self { mantissa, exponent })
+        (plain && mantissa.is_finite() && (-1_000_000..=1_000_000).contains(&exponent))
+            .then_some(Self { mantissa, exponent })
     }
 
     fn value(self) -> f64 {

@@ -187,7 +187,10 @@ pub(crate) struct InPlaneWave {
 #[derive(Clone, Copy, Debug)]
 enum InPlaneKind {
     /// N₀² cos²θ and kₓ.
-    Angle { cos2: Complex64, kx: Complex64 },
+    Angle {
+        cos2: Complex64,
+        kx: Complex64,
+    },
     InPlane(f64),
 }
 
@@ -249,12 +252,7 @@ pub(crate) struct LayerMatrix {
 }
 
 impl LayerMatrix {
-    pub(crate) fn new(
-        wave: &InPlaneWave,
-        layer: Layer,
-        wavelength: f64,
-        polarisation: Polarisation,
-    ) -> Self {
+    pub(crate) fn new(wave: &InPlaneWave, layer: Layer, wavelength: f64, polarisation: Polarisation) -> Self {
         let k0_d = std::f64::consts::TAU / wavelength * layer.thickness;
         let kz2 = wave.kz2(layer.index);
         let delta = sqrt_upper(kz2) * k0_d;
@@ -339,7 +337,8 @@ impl Admittance {
         let below = self.b + self.c / eta; // 2 × downward amplitude
         let load = (self.b - self.c / eta) / below;
         let inner = 1.0 / (1.0 - s.r_back * load);
-        let reflected = s.r + s.t.mantissa * s.t.mantissa * times_power_of_two(load * inner, 2 * s.t.exponent);
+        let reflected =
+            s.r + s.t.mantissa * s.t.mantissa * times_power_of_two(load * inner, 2 * s.t.exponent);
         // Upwards the field grows by 1/t: keep it as an exponent.
         let scale = below / (2.0 * s.t.mantissa * inner);
         Self {
@@ -374,7 +373,11 @@ impl Multilayer {
     #[must_use]
     pub fn is_lossless(&self) -> bool {
         self.ambient.im == 0.0
-            && self.runs.iter().filter(|run| run.repeat > 0).all(|run| run.unit.iter().all(|l| has_real_eps(l.index)))
+            && self
+                .runs
+                .iter()
+                .filter(|run| run.repeat > 0)
+                .all(|run| run.unit.iter().all(|l| has_real_eps(l.index)))
     }
 
     /// Response to a wave of one polarisation.
@@ -455,10 +458,8 @@ impl Multilayer {
         let in_flux = if q_0.im == 0.0 { 4.0 * q_0.re } else { 4.0 * q_0.norm_sqr() / q_0.re };
         let amplitude = in_flux * q_sub.re;
         let inverse = Scaled::new(1.0 / denominator, -top.exponent);
-        let power = Scaled::new(
-            Complex64::new(amplitude * inverse.mantissa.norm_sqr(), 0.0),
-            2 * inverse.exponent,
-        );
+        let power =
+            Scaled::new(Complex64::new(amplitude * inverse.mantissa.norm_sqr(), 0.0), 2 * inverse.exponent);
         let lossless = self.is_lossless();
         let (reflectance, transmittance, ln_transmittance) = if lossless {
             // Flux conservation says |q₀B + C|² = |q₀B − C|² + 4 q₀ Re q_sub. Dividing by the right-hand side keeps
@@ -534,7 +535,9 @@ impl Multilayer {
                 (name, layer.index)
             })
         });
-        [(named("the ambient"), self.ambient), (named("the substrate"), self.substrate)].into_iter().chain(layers)
+        [(named("the ambient"), self.ambient), (named("the substrate"), self.substrate)]
+            .into_iter()
+            .chain(layers)
     }
 }
 

@@ -1,12 +1,14 @@
 //! From a recipe to a table: chooses cells and incidences, runs a solver, assembles the result.
 
-mod assemble;
+pub(crate) mod assemble;
 pub mod sampling;
 pub mod snapshot;
 
+use crate::doubling;
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
 use crate::tally::Tally;
 use crate::transport::{Geometry, Transport};
+use crate::walk::lanes::Precision;
 use lut_io::axis::{ExitAxis, MAX_WIDTH};
 use lut_io::table::Table;
 use sampling::{Sampling, Shard, State};
@@ -20,13 +22,16 @@ const PLANE_CELLS: usize = 128;
 /// Columns of a space table.
 const SPACE_THETA_CELLS: usize = 64;
 /// φ cells of a space table.
-const SPACE_PHI_CELLS: usize = 24;
+const SPACE_PHI_CELLS: usize = 32;
 /// Narrowest stretch width, radians: directions are stored in f32, whose angles are good to 6e-8.
 const NARROWEST: f64 = 1e-6;
 
 /// Event cap of a path unless another is asked for. The longest path seen in 10⁸ of the paper's pearl had
 /// 29,000 events; trapped light (total reflection at every interface) would go on for ever.
 pub const DEFAULT_EVENT_CAP: u32 = 10_000_000;
+
+/// Loosest total variation that doubling is asked for: below this its own minimum resolution is finer anyway.
+const COARSEST_DOUBLING: f64 = 0.05;
 
 /// When a bake is finished.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,6 +42,17 @@ pub enum Target {
     Paths(u64),
     /// Wall-clock time.
     Time(Duration),
+}
+
+/// Who solves the transport problem.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SolverChoice {
+    /// The Monte Carlo walk.
+    Walk,
+    /// Adding and doubling.
+    Doubling,
+    /// The cheaper of the two.
+    Auto,
 }
 
 /// What to bake.
@@ -52,6 +68,8 @@ pub struct Request {
     pub seed: u64,
     /// Most events of a path; beyond it the path is booked as truncated.
     pub event_cap: u32,
+    /// Arithmetic of the walk's geometry.
+    pub precision: Precision,
 }
 
 /// Why a bake gave no table.
@@ -191,16 +209,78 @@ impl Request {
         Ok(self.recipe.transport(self.recipe.wavelength())?)
     }
 
-    fn sampling(&self, shard: Shard) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
+    /// Angles of incidence, radians.
+    #[must_use]
+    pub fn theta_i(&self) -> Vec<f64> {
+        self.incident_deg.iter().map(|angle| angle.to_radians()).collect()
+    }
+
+    pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
         self.check()?;
         let transport = self.transport()?;
         let geometry = self.geometry();
         let axis = exit_axis(geometry, transport.facets.slope_sd);
         let theta_i: Vec<f64> = self.incident_deg.iter().map(|angle| angle.to_radians()).collect();
-        let sampling =
-            Sampling::new(&transport, geometry, &axis, &theta_i, self.seed, self.event_cap, shard)?;
+        let sampling = Sampling::new(
+            &transport,
+            geometry,
+            &axis,
+            &theta_i,
+            self.seed,
+            self.event_cap,
+            self.precision,
+            shard,
+        )?;
         Ok((sampling, transport, axis))
     }
+}
+
+/// Bakes with adding and doubling to the accuracy asked for.
+///
+/// # Errors
+/// A request for paths or time, or a problem out of the solver's reach; the message says what would do.
+pub fn doubling(request: &Request) -> Result<Table, BakeError> {
+    request.check()?;
+    let Target::AccuracyPercent(percent) = request.target else {
+        return Err(BakeError::Input(
+            "doubling walks no paths: give it --accuracy, not --paths or --time-budget".to_owned(),
+        ));
+    };
+    let transport = request.transport()?;
+    let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    let share = (percent / 100.0).min(COARSEST_DOUBLING);
+    let solution = doubling::solve_to(&transport, request.geometry(), &request.theta_i(), share, false)
+        .map_err(|why| BakeError::Input(format!("solver doubling: {why}")))?;
+    Ok(assemble::doubling_table(request, &transport, &axis, &solution))
+}
+
+/// Which solver is cheaper for a request, and why in one sentence.
+///
+/// # Errors
+/// A bad request.
+pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeError> {
+    request.check()?;
+    let Target::AccuracyPercent(percent) = request.target else {
+        return Ok((
+            SolverChoice::Walk,
+            "paths or a time budget were asked for, which only the walk has".to_owned(),
+        ));
+    };
+    let transport = request.transport()?;
+    let geometry = request.geometry();
+    let threads = rayon::current_num_threads() as f64;
+    let share = (percent / 100.0).min(COARSEST_DOUBLING);
+    let settings = doubling::Settings::for_accuracy(&transport, geometry, share);
+    let cost = settings.cost(&transport, geometry, request.incident_deg.len());
+    // Two resolutions, the coarser at about 0.8³ of the cost.
+    let by_doubling = 1.5 * cost.seconds / threads;
+    if let Err(why) = settings.check(&transport, geometry, &request.theta_i()) {
+        return Ok((SolverChoice::Walk, format!("doubling is out of reach here: {why}")));
+    }
+    let by_walk = sampling::estimate_seconds(request, share)?;
+    let choice = if by_doubling <= by_walk { SolverChoice::Doubling } else { SolverChoice::Walk };
+    let reason = format!("doubling would take about {by_doubling:.2} s, the walk {by_walk:.2} s");
+    Ok((choice, reason))
 }
 
 /// Bakes with the Monte Carlo walk; goes on from `resume` where that is given. A bake that is interrupted hands its

@@ -1,6 +1,6 @@
 //! The Monte Carlo side of a bake: which paths are walked, by whom, and when it is enough.
 
-use super::{BakeError, Observer, Progress, Target};
+use super::{BakeError, Observer, Progress, Request, Target};
 use crate::tally::{CHUNK, Cells, Tally};
 use crate::transport::{Geometry, Transport};
 use crate::walk::lanes::{Precision, Walker};
@@ -16,6 +16,9 @@ use std::time::{Duration, Instant};
 const BLOCK: u64 = 8 * CHUNK;
 /// Paths per incidence of the pilot that sizes the bake.
 const PILOT: u64 = 2 * CHUNK;
+/// Incidences and paths of an estimate that must cost next to nothing.
+const SCOUTS: usize = 5;
+const SCOUT_PATHS: u64 = 1024;
 /// Most paths per incidence: fixed-point sums have room for 1.7·10¹⁰.
 pub const MAX_PATHS: u64 = 10_000_000_000;
 /// A bake is sized so that its error bound is this share of what was asked for; the rest is left for the pilot's
@@ -90,9 +93,10 @@ impl Sampling {
         theta_i: &[f64],
         seed: u64,
         event_cap: u32,
+        precision: Precision,
         shard: Shard,
     ) -> Result<Self, BakeError> {
-        let walker = Walker::new(transport, geometry, Precision::Auto, None);
+        let walker = Walker::new(transport, geometry, precision, None);
         Ok(Self {
             walker: walker.map_err(|why| BakeError::Input(why.to_string()))?,
             cells: theta_i.iter().map(|&theta| Cells::new(axis, theta)).collect(),
@@ -390,4 +394,19 @@ fn paths_for(tally: &Tally, accuracy: f64) -> u64 {
     let chunks = (tally.paths as f64 * factor / CHUNK as f64).ceil();
     // Casts of floats saturate.
     (chunks as u64).saturating_mul(CHUNK)
+}
+
+/// Seconds that a walk to `accuracy` (a share) would take with the threads in use, from a few hundred paths at a few
+/// incidences: good to about a quarter, and done in milliseconds.
+pub(super) fn estimate_seconds(request: &Request, accuracy: f64) -> Result<f64, BakeError> {
+    let angles = &request.incident_deg;
+    let every = angles.len().div_ceil(SCOUTS);
+    let few: Vec<f64> = angles.iter().copied().step_by(every).collect();
+    let share = angles.len() as f64 / few.len() as f64;
+    let scouted = Request { incident_deg: few, ..request.clone() };
+    let (mut sampling, _, _) = scouted.sampling(Shard::WHOLE)?;
+    sampling.walk_pilot(SCOUT_PATHS, &Observer::idle())?;
+    let targets: Vec<u64> = sampling.state.tallies.iter().map(|tally| paths_for(tally, accuracy)).collect();
+    // Few paths leave the lanes half empty: the rate of a long walk is about twice that of the scouts.
+    Ok(0.5 * share * sampling.seconds_to(&targets))
 }

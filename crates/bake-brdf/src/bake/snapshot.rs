@@ -6,6 +6,7 @@
 
 use super::sampling::{Sampling, Shard, State};
 use super::{BakeError, Observer, Request, Target, assemble};
+use crate::walk::lanes::Precision;
 use lut_io::table::Table;
 use serde::{Deserialize, Serialize};
 use std::io;
@@ -30,6 +31,8 @@ pub struct Snapshot {
     pub seed: u64,
     /// Event cap of a path.
     pub event_cap: u32,
+    /// `auto`, `f32` or `f64`.
+    pub precision: Precision,
     /// Which part of the bake this is.
     pub shard: Shard,
     /// What has been walked.
@@ -66,6 +69,7 @@ impl Snapshot {
             target: request.target,
             seed: request.seed,
             event_cap: request.event_cap,
+            precision: request.precision,
             shard,
             state,
         }
@@ -84,6 +88,7 @@ impl Snapshot {
             target: self.target,
             seed: self.seed,
             event_cap: self.event_cap,
+            precision: self.precision,
         })
     }
 
@@ -99,6 +104,7 @@ impl Snapshot {
             (self.target == other.target, "the accuracy, path count or time"),
             (self.seed == other.seed, "the seed"),
             (self.event_cap == other.event_cap, "the event cap"),
+            (self.precision == other.precision, "the precision"),
             (self.shard.count == other.shard.count, "the number of shards"),
         ];
         match differences.iter().find(|(same, _)| !same) {
@@ -228,6 +234,7 @@ mod tests {
             target: Target::Paths(paths),
             seed: 3,
             event_cap: 1000,
+            precision: Precision::Auto,
         }
     }
 

@@ -3,9 +3,10 @@
 use super::{Manners, manners};
 use bake_brdf::bake::sampling::{Shard, State};
 use bake_brdf::bake::snapshot::{self, Snapshot};
-use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, Target};
+use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, SolverChoice, Target};
 use bake_brdf::recipe::{self, AzimuthMode, Recipe};
-use lut_io::table::Table;
+use bake_brdf::walk::lanes::Precision;
+use lut_io::table::{Solver, Table};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -28,6 +29,9 @@ pub(crate) struct BakeArgs {
     /// Table to write [default: pearl.exr; with --shard: pearl-I-of-N.shard].
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    /// Who solves: the Monte Carlo walk, the deterministic doubling, or whichever is cheaper.
+    #[arg(long, value_enum, default_value = "walk")]
+    solver: SolverArg,
     /// Total variation to reach at the worst incidence, per cent of the reflected light [default: 1].
     #[arg(long, value_name = "PERCENT", group = "target")]
     accuracy: Option<f64>,
@@ -49,6 +53,9 @@ pub(crate) struct BakeArgs {
     /// Events after which a path is given up and booked as truncated.
     #[arg(long, value_name = "N", default_value_t = bake::DEFAULT_EVENT_CAP)]
     event_cap: u32,
+    /// Arithmetic of the walk's geometry; auto takes 32 bits where that is harmless.
+    #[arg(long, value_enum, default_value = "auto")]
+    precision: PrecisionArg,
     /// Keep a checkpoint beside the output (OUTPUT.checkpoint) from the start; without this flag, only when the bake is
     /// expected to take more than a minute. It is removed when the table is written.
     #[arg(long, conflicts_with = "shard")]
@@ -62,6 +69,20 @@ pub(crate) struct BakeArgs {
     /// Say what the bake would cost and write nothing.
     #[arg(long)]
     dry_run: bool,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum SolverArg {
+    Walk,
+    Doubling,
+    Auto,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum PrecisionArg {
+    Auto,
+    F32,
+    F64,
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
@@ -93,9 +114,12 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
         return snapshot.write(&output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())));
     }
     let keeper = Keeper::new(&output, args.checkpoint, &request);
-    let resume = if args.resume { keeper.load(manners)? } else { None };
-    let table =
-        pool.install(|| watched(manners, Some(&keeper), |observer| bake::walk(&request, observer, resume)))?;
+    let table = if pool.install(|| choose(args, &request, manners))? == SolverChoice::Doubling {
+        pool.install(|| bake::doubling(&request)).map_err(stop)?
+    } else {
+        let resume = if args.resume { keeper.load(manners)? } else { None };
+        pool.install(|| watched(manners, Some(&keeper), |observer| bake::walk(&request, observer, resume)))?
+    };
     lut_io::exr_file::write(&table, &output).map_err(|why| Stop::failure(why.to_string()))?;
     keeper.remove();
     let seconds = started.elapsed().as_secs_f64();
@@ -103,6 +127,22 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
         return terminal::print_json(&report(&table, &output, seconds));
     }
     terminal::print(&summary(&table, &output, seconds))
+}
+
+/// The solver asked for, or the cheaper one with the reason on stderr.
+fn choose(args: &BakeArgs, request: &Request, manners: &Manners) -> Result<SolverChoice, Stop> {
+    match args.solver {
+        SolverArg::Walk => Ok(SolverChoice::Walk),
+        SolverArg::Doubling => Ok(SolverChoice::Doubling),
+        SolverArg::Auto => {
+            let (choice, reason) = bake::choose_solver(request).map_err(stop)?;
+            if !manners.quiet {
+                let name = if choice == SolverChoice::Doubling { "doubling" } else { "walk" };
+                say(&format!("solver {name}: {reason}"));
+            }
+            Ok(choice)
+        }
+    }
 }
 
 fn parse_shard(text: &str) -> Result<Shard, Stop> {
@@ -197,6 +237,11 @@ fn request(args: &BakeArgs) -> Result<Request, Stop> {
         },
         seed: args.seed,
         event_cap: args.event_cap,
+        precision: match args.precision {
+            PrecisionArg::Auto => Precision::Auto,
+            PrecisionArg::F32 => Precision::F32,
+            PrecisionArg::F64 => Precision::F64,
+        },
     })
 }
 
@@ -208,7 +253,7 @@ fn budget(seconds: f64) -> Result<Duration, Stop> {
 }
 
 /// Parses `0:90:10,45` into ascending distinct angles.
-fn angles(list: &str) -> Result<Vec<f64>, Stop> {
+pub(super) fn angles(list: &str) -> Result<Vec<f64>, Stop> {
     const MOST: f64 = 1e5;
     let refuse = |item: &str| {
         Stop::BadInput(format!(
@@ -240,7 +285,7 @@ fn angles(list: &str) -> Result<Vec<f64>, Stop> {
     Ok(angles)
 }
 
-fn stop(error: BakeError) -> Stop {
+pub(super) fn stop(error: BakeError) -> Stop {
     match error {
         BakeError::Interrupted => Stop::failure(error),
         _ => Stop::bad_input(error),
@@ -303,7 +348,7 @@ fn watched<T>(
 }
 
 #[allow(clippy::print_stderr)] // the tool's voice
-fn say(line: &str) {
+pub(super) fn say(line: &str) {
     eprintln!("bake-brdf: {line}");
 }
 
@@ -347,8 +392,11 @@ fn summary(table: &Table, output: &Path, seconds: f64) -> String {
     let meta = &table.meta;
     let name = meta.recipe.get("name").and_then(|name| name.as_str()).unwrap_or_default();
     let paths: u64 = meta.per_incidence.iter().map(|incidence| incidence.paths).sum();
-    let mut text =
-        format!("{name}: {paths:.2e} paths in {}\n\n", manners::seconds_text(seconds), paths = paths as f64);
+    let how = match meta.solver {
+        Solver::Walk => format!("{:.2e} paths", paths as f64),
+        Solver::Doubling => "doubling".to_owned(),
+    };
+    let mut text = format!("{name}: {how} in {}\n\n", manners::seconds_text(seconds));
     text.push_str("   θi   albedo            surface  transmitted  absorbed  mean θo   sd θo   skew\n");
     let every = meta.per_incidence.len().div_ceil(10);
     for row in meta.per_incidence.iter().step_by(every) {

@@ -2,6 +2,7 @@
 
 mod bake;
 mod manners;
+mod study;
 
 use clap::{Args, CommandFactory as _, Parser, Subcommand};
 use terminal::Outcome;
@@ -16,6 +17,7 @@ use terminal::Outcome;
   bake-brdf --paths 1000000 --seed 7 --json  a million paths per incidence, report as JSON
   bake-brdf --incident-deg 0:90:10,45        a few incidences
   bake-brdf --dry-run --accuracy 0.1         what would that cost?
+  bake-brdf study -o study                   what accuracy costs in time, with a figure
   bake-brdf schema                           the JSON Schema of a recipe")]
 pub(crate) struct Cli {
     #[command(subcommand)]
@@ -47,6 +49,8 @@ struct Manners {
 enum Command {
     /// Bake a table (the default command).
     Bake(bake::BakeArgs),
+    /// Measure what accuracy costs in time: study.json, study.csv and a figure.
+    Study(study::StudyArgs),
     /// Print the JSON Schema of a recipe.
     Schema,
     /// Print a shell completion script.
@@ -64,6 +68,7 @@ pub(crate) fn run(cli: Cli) -> Outcome {
     match cli.command {
         None => bake::run(&cli.bake, &manners),
         Some(Command::Bake(args)) => bake::run(&args, &manners),
+        Some(Command::Study(args)) => study::run(&args, &manners),
         Some(Command::Schema) => terminal::print_json(&bake_brdf::recipe::Recipe::json_schema()),
         Some(Command::Completions { shell }) => {
             let mut script = Vec::new();

@@ -9,6 +9,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::grid::{LARGEST_SEGMENT_RULE, segment_rule};
+use super::surface::steepest_visible_tilt;
 use crate::transport::{Facets, Normals};
 
 /// Where light goes at an event, seen from the side that it came from.
@@ -24,7 +25,8 @@ pub(super) enum Fate {
     RefractedBack = 3,
 }
 
-pub(super) const FATES: [Fate; 4] = [Fate::Reflected, Fate::ReflectedBack, Fate::Refracted, Fate::RefractedBack];
+pub(super) const FATES: [Fate; 4] =
+    [Fate::Reflected, Fate::ReflectedBack, Fate::Refracted, Fate::RefractedBack];
 
 /// Weighted exit directions of one fate. Space: `argument` = μ' = |cos θ'|, `sine` = sin θ', `cosine` = cos Δφ.
 /// Plane: `argument` = the signed angle θ', `sine` and `cosine` unused.
@@ -139,7 +141,10 @@ impl Chart {
     fn new(from: f64, to: f64, refracts: bool, critical: [f64; 2]) -> Self {
         let distance = |c: f64| if c <= from { from - c } else { c - to };
         // Points inside the segment would have split it; NaN marks none.
-        let nearest = critical.into_iter().filter(|c| *c <= from || *c >= to).min_by(|a, b| distance(*a).total_cmp(&distance(*b)));
+        let nearest = critical
+            .into_iter()
+            .filter(|c| *c <= from || *c >= to)
+            .min_by(|a, b| distance(*a).total_cmp(&distance(*b)));
         match nearest {
             Some(centre) if refracts => {
                 let sign = if centre <= from { 1.0 } else { -1.0 };
@@ -183,7 +188,13 @@ struct Breaks {
 
 impl Breaks {
     /// Calls `visit(from, to)` for each segment of `lo..hi`; a refracting segment between two critical points is halved.
-    fn segments(&self, lo: f64, hi: f64, refracts: impl Fn(f64) -> bool, mut visit: impl FnMut(f64, f64, Chart)) {
+    fn segments(
+        &self,
+        lo: f64,
+        hi: f64,
+        refracts: impl Fn(f64) -> bool,
+        mut visit: impl FnMut(f64, f64, Chart),
+    ) {
         let mut from = lo;
         for &to in self.at.iter().chain([&hi]) {
             if to <= from {
@@ -227,7 +238,8 @@ impl Interface {
         let reach = self.sampling.reach * sigma;
         // cos mΔφ, and the azimuthal harmonics of the facet density about the pole.
         let highest = self.sampling.modes[usize::from(part == Part::RefractedOnly)];
-        let harmonics = highest + 10.0 + 1.2 * self.sampling.reach * (pole.abs() / sigma).min(self.sampling.reach);
+        let harmonics =
+            highest + 10.0 + 1.2 * self.sampling.reach * (pole.abs() / sigma).min(self.sampling.reach);
         let rays = (0.5 * harmonics).ceil() as usize + 4;
         let step = PI / rays as f64;
         for k in 0..rays {
@@ -283,8 +295,10 @@ impl Interface {
             }
             _ => 0.0,
         };
-        let reflected = if part == Part::RefractedOnly { 0.0 } else { between(a.0, b.0, self.sampling.modes[0]) };
-        let refracted = if part == Part::ReflectedOnly { 0.0 } else { between(a.1, b.1, self.sampling.modes[1]) };
+        let reflected =
+            if part == Part::RefractedOnly { 0.0 } else { between(a.0, b.0, self.sampling.modes[0]) };
+        let refracted =
+            if part == Part::ReflectedOnly { 0.0 } else { between(a.1, b.1, self.sampling.modes[1]) };
         reflected.max(refracted) / distance
     }
 
@@ -447,7 +461,7 @@ impl Interface {
         let sigma = self.facets.slope_sd;
         let mut reach = self.sampling.reach * sigma;
         if self.facets.normals == Normals::Visible {
-            reach = (6.5 * sigma).min(80_f64.to_radians());
+            reach = steepest_visible_tilt(sigma);
         }
         let (lo, hi) = ((-FRAC_PI_2 - theta).max(-reach), (FRAC_PI_2 - theta).min(reach));
         let mut at = vec![0.5 * (FRAC_PI_2 - theta), 0.5 * (-FRAC_PI_2 - theta)];

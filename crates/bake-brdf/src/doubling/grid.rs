@@ -3,7 +3,8 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::OnceLock;
 
-use faer::Mat;
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par};
 
 use crate::transport::Geometry;
 
@@ -54,7 +55,8 @@ pub(super) const LARGEST_SEGMENT_RULE: usize = 160;
 
 /// A shared rule for a segment of the facet integral, 1 ≤ n ≤ [`LARGEST_SEGMENT_RULE`].
 pub(super) fn segment_rule(n: usize) -> &'static Rule {
-    static RULES: [OnceLock<Rule>; LARGEST_SEGMENT_RULE + 1] = [const { OnceLock::new() }; LARGEST_SEGMENT_RULE + 1];
+    static RULES: [OnceLock<Rule>; LARGEST_SEGMENT_RULE + 1] =
+        [const { OnceLock::new() }; LARGEST_SEGMENT_RULE + 1];
     let n = n.clamp(1, LARGEST_SEGMENT_RULE);
     RULES[n].get_or_init(|| gauss_legendre(n))
 }
@@ -140,23 +142,27 @@ impl Grid {
         }
     }
 
-    /// The basis functions of both parities at polar angle θ ≥ 0 (plane: |s|): `row[p][j]` is (s/s_j)ᵖ·ℓ_j.
-    pub(super) fn cardinals(&self, theta: f64) -> [Vec<f64>; 2] {
+    /// The basis functions of both parities, one row for each polar angle θ ≥ 0 (plane: signed s): `rows[p][(k, j)]` is
+    /// (s/s_j)ᵖ·ℓ_j(θ_k).
+    pub(super) fn cardinals(&self, theta: &[f64]) -> [Mat<f64>; 2] {
         let n = self.len();
-        let mut values = [vec![0.0; n], vec![0.0; n]];
-        let sine = theta.sin();
-        legendre(self.argument(theta), self.polynomials(), |k, p| {
-            match self.geometry {
-                Geometry::Plane => {
-                    axpy(&mut values[k % 2], p, &self.to_nodes[k % 2], k / 2);
-                }
+        let mut moments = [Mat::<f64>::zeros(theta.len(), n), Mat::zeros(theta.len(), n)];
+        for (row, &theta) in theta.iter().enumerate() {
+            let sine = theta.sin();
+            legendre(self.argument(theta), self.polynomials(), |k, p| match self.geometry {
+                Geometry::Plane => moments[k % 2][(row, k / 2)] = p,
                 Geometry::Space => {
-                    axpy(&mut values[0], p, &self.to_nodes[0], k);
-                    axpy(&mut values[1], p * sine, &self.to_nodes[1], k);
+                    moments[0][(row, k)] = p;
+                    moments[1][(row, k)] = p * sine;
                 }
-            }
-        });
-        values
+            });
+        }
+        [0, 1].map(|parity| {
+            let mut rows = Mat::zeros(theta.len(), n);
+            let to_nodes = self.to_nodes[parity].transpose();
+            matmul(rows.as_mut(), Accum::Replace, moments[parity].as_ref(), to_nodes, 1.0, Par::Seq);
+            rows
+        })
     }
 
     /// Factor that turns the deposit at node j of a mode into the density there: per radian of s (plane), per
@@ -179,16 +185,17 @@ impl Grid {
             return self.theta.iter().map(|t| t.powi(power)).collect();
         }
         let fine = gauss_legendre(2 * n + 24);
-        let mut sums = vec![0.0; n];
-        for (t, w) in fine.nodes.iter().zip(&fine.weights) {
-            let theta = 0.5 * FRAC_PI_2 * (t + 1.0);
-            let measure = 0.5 * FRAC_PI_2 * w * theta.sin() * theta.powi(power);
-            let [even, _] = self.cardinals(theta);
-            for (sum, value) in sums.iter_mut().zip(&even) {
-                *sum += measure * value;
-            }
-        }
-        sums.iter().zip(&self.weights).map(|(sum, w)| sum / w).collect()
+        let theta: Vec<f64> = fine.nodes.iter().map(|t| 0.5 * FRAC_PI_2 * (t + 1.0)).collect();
+        let [even, _] = self.cardinals(&theta);
+        (0..n)
+            .map(|j| {
+                let terms = theta.iter().zip(&fine.weights).zip(even.col(j).iter());
+                let integral: f64 = terms
+                    .map(|((theta, w), l)| 0.5 * FRAC_PI_2 * w * theta.sin() * theta.powi(power) * l)
+                    .sum();
+                integral / self.weights[j]
+            })
+            .collect()
     }
 }
 
@@ -202,12 +209,6 @@ fn close(to_nodes: &mut Mat<f64>, weights: &[f64], first: usize) {
                 *value -= w * excess;
             }
         }
-    }
-}
-
-fn axpy(row: &mut [f64], factor: f64, matrix: &Mat<f64>, column: usize) {
-    for (j, value) in row.iter_mut().enumerate() {
-        *value += factor * matrix[(j, column)];
     }
 }
 
@@ -243,13 +244,16 @@ mod tests {
         for geometry in [Geometry::Plane, Geometry::Space] {
             let grid = Grid::new(geometry, 24);
             for theta in [0.0, 0.3, 1.2, 1.57] {
-                let [even, _] = grid.cardinals(theta);
-                assert!((even.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{geometry:?} {theta}"); // rounding × Lebesgue constant
+                let [even, _] = grid.cardinals(&[theta]);
+                assert!((even.row(0).sum() - 1.0).abs() < 1e-12, "{geometry:?} {theta}"); // rounding × Lebesgue constant
             }
-            let [even, odd] = grid.cardinals(grid.theta[5]);
+            let [even, odd] = grid.cardinals(&[grid.theta[5]]);
             for j in 0..24 {
                 let expected = f64::from(u8::from(j == 5));
-                assert!((even[j] - expected).abs() < 1e-11 && (odd[j] - expected).abs() < 1e-11, "{geometry:?} {j}");
+                assert!(
+                    (even[(0, j)] - expected).abs() < 1e-11 && (odd[(0, j)] - expected).abs() < 1e-11,
+                    "{geometry:?} {j}"
+                );
             }
         }
     }

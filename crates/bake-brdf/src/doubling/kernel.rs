@@ -97,7 +97,13 @@ fn to_nodes(grid: &Grid, moments: &Mat<f64>) -> Mat<f64> {
     nodes
 }
 
-fn space_column(interface: &Interface, grid: &Grid, modes: usize, theta: f64, scratch: &mut Scratch) -> Column {
+fn space_column(
+    interface: &Interface,
+    grid: &Grid,
+    modes: usize,
+    theta: f64,
+    scratch: &mut Scratch,
+) -> Column {
     let mut deposits: [Option<Mat<f64>>; 4] = [const { None }; 4];
     let poles = [Part::ReflectedOnly, Part::RefractedOnly].map(|part| interface.pole(theta, part));
     scratch.events.clear();
@@ -115,7 +121,8 @@ fn space_column(interface: &Interface, grid: &Grid, modes: usize, theta: f64, sc
         let part = usize::from(matches!(fate, Fate::Refracted | Fate::RefractedBack));
         let count = if poles[part].is_some() { modes.min(2) } else { modes };
         let outcomes = &scratch.events.by_fate[fate as usize];
-        deposits[fate as usize] = deposit(outcomes, grid, 0, count, modes, scale, &mut scratch.polynomials, &mut scratch.cosines);
+        deposits[fate as usize] =
+            deposit(outcomes, grid, 0, count, modes, scale, &mut scratch.polynomials, &mut scratch.cosines);
     }
     for (pole, part) in poles.into_iter().zip([Part::ReflectedOnly, Part::RefractedOnly]) {
         let Some(pole) = pole else { continue };
@@ -128,8 +135,16 @@ fn space_column(interface: &Interface, grid: &Grid, modes: usize, theta: f64, sc
         }
         for fate in FATES {
             let outcomes = &scratch.events.by_fate[fate as usize];
-            let high =
-                deposit(outcomes, grid, 2, modes, modes, scale, &mut scratch.polynomials, &mut scratch.cosines);
+            let high = deposit(
+                outcomes,
+                grid,
+                2,
+                modes,
+                modes,
+                scale,
+                &mut scratch.polynomials,
+                &mut scratch.cosines,
+            );
             match (&mut deposits[fate as usize], high) {
                 (Some(all), Some(high)) => *all += high,
                 (none, high @ Some(_)) => *none = high,

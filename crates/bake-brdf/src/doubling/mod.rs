@@ -9,25 +9,32 @@
 mod facets;
 mod grid;
 mod kernel;
+mod rehit;
 mod settings;
 mod solution;
 mod stack;
 mod star;
+mod surface;
 
 use std::collections::HashMap;
 
 use faer::Mat;
 use rayon::prelude::*;
 
-pub use self::settings::{DoublingError, Settings};
-pub use self::solution::{Basis, Lobe, Solution};
+pub use self::settings::{Cost, DoublingError, Settings};
+pub use self::solution::{Basis, ErrorEstimate, FromBelow, Lobe, Solution};
+pub use self::surface::SingleReflection;
 
 use self::facets::{Fate, Interface};
 use self::grid::Grid;
 use self::kernel::{Column, columns};
+use self::solution::ModeResult;
 use self::stack::{Element, Run, elements, runs};
 use self::star::{Mirror, Resolved, Slab, times};
 use crate::transport::{Geometry, Transport};
+
+/// Resolutions that [`solve_to`] tries.
+const ATTEMPTS: usize = 6;
 
 /// Columns of one interface at the grid's nodes: from the side of the medium named first, and from the other.
 struct Sides {
@@ -110,30 +117,31 @@ impl Problem<'_> {
         for element in cell[..run.period - 1].iter().rev() {
             slab = self.element(element, mode, known).above(&slab);
         }
-        slab.power(run.count)
+        let lossless = mode == 0 && cell.iter().all(|element| element.depth == 0.0);
+        slab.power(run.count, lossless)
     }
 
     /// `count` pairs of layers a, c. With half of a's absorption on either side the cell ½a·I(a|c)·c·I(c|a)·½a is
     /// its own mirror image, and doubling needs R and T only.
-    fn pairs(&self, a: Element, c: Element, count: usize, mode: usize, known: &mut HashMap<(u64, u64), Slab>) -> Slab {
+    fn pairs(
+        &self,
+        a: Element,
+        c: Element,
+        count: usize,
+        mode: usize,
+        known: &mut HashMap<(u64, u64), Slab>,
+    ) -> Slab {
         let upper = self.interface(a.above, a.below, mode, known);
         let lower = self.element(&c, mode, known);
         let pair = upper.above(&lower);
         let Some(half) = self.keep(0.5 * a.depth) else {
-            return Slab::from(Mirror { r: pair.r, t: pair.t }.power(count));
+            return Slab::from(Mirror { r: pair.r, t: pair.t }.power(count, mode == 0 && c.depth == 0.0));
         };
         let half_above = pair.attenuated_above(&half);
         let cell = half_above.clone().flipped().attenuated_above(&half);
-        let cells = Slab::from(Mirror { r: cell.r, t: cell.t }.power(count - 1));
+        let cells = Slab::from(Mirror { r: cell.r, t: cell.t }.power(count - 1, false));
         cells.above(&half_above).attenuated_above(&half)
     }
-}
-
-/// One mode's share of the solution, columns by incidence.
-struct ModeResult {
-    interior: Mat<f64>,
-    rehit: Mat<f64>,
-    transmitted: Mat<f64>,
 }
 
 /// Solves `transport` for each incidence `theta_i` (radians, in \[0, π/2\]).
@@ -146,7 +154,7 @@ pub fn solve(
     theta_i: &[f64],
     settings: &Settings,
 ) -> Result<Solution, DoublingError> {
-    settings.check(transport, geometry)?;
+    settings.check(transport, geometry, theta_i)?;
     let grid = Grid::new(geometry, settings.nodes);
     let modes = settings.modes_in(geometry);
     let elements = elements(transport);
@@ -156,7 +164,8 @@ pub fn solve(
 
     let (ambient, first) = (transport.indices[0], transport.indices[1]);
     let mut sides = HashMap::new();
-    for (above, below) in std::iter::once((ambient, first)).chain(elements.iter().map(|e| (e.above, e.below))) {
+    for (above, below) in std::iter::once((ambient, first)).chain(elements.iter().map(|e| (e.above, e.below)))
+    {
         if above.to_bits() != below.to_bits() || (above, below) == (ambient, first) {
             sides.entry(key(above, below)).or_insert_with(|| Sides {
                 first: above,
@@ -167,15 +176,59 @@ pub fn solve(
     }
     let problem = Problem { grid: &grid, elements: &elements, runs: &runs, sides: &sides };
     let incident = columns(&side(ambient, first), &grid, modes, theta_i);
-    let results: Vec<ModeResult> =
-        (0..modes).into_par_iter().map(|mode| solve_mode(&problem, ambient, first, &incident, mode)).collect();
-    Ok(Solution::assemble(transport, theta_i, grid, &incident, results))
+    let results: Vec<ModeResult> = (0..modes)
+        .into_par_iter()
+        .map(|mode| solve_mode(&problem, ambient, first, &incident, mode, settings.both_sides))
+        .collect();
+    Ok(Solution::assemble(transport, theta_i, *settings, grid, &incident, results))
 }
 
-fn solve_mode(problem: &Problem<'_>, ambient: f64, first: f64, incident: &[Column], mode: usize) -> ModeResult {
+/// Solves to a total variation asked for, with the error estimated from a second, coarser resolution.
+///
+/// # Errors
+/// As [`solve`]; [`DoublingError::NotReached`] when further refinements do not bring the estimate below
+/// `total_variation`.
+pub fn solve_to(
+    transport: &Transport,
+    geometry: Geometry,
+    theta_i: &[f64],
+    total_variation: f64,
+    both_sides: bool,
+) -> Result<Solution, DoublingError> {
+    if !(1e-9..=0.5).contains(&total_variation) {
+        let expected = "from 1e-9 to 0.5";
+        return Err(DoublingError::Domain { field: "total_variation", value: total_variation, expected });
+    }
+    let mut settings =
+        Settings { both_sides, ..Settings::for_accuracy(transport, geometry, total_variation) };
+    let mut coarse = solve(transport, geometry, theta_i, &settings.coarser())?;
+    let mut reached = f64::INFINITY;
+    for _ in 0..ATTEMPTS {
+        let mut solution = solve(transport, geometry, theta_i, &settings)?;
+        solution.compare(&coarse);
+        reached = solution.error.as_ref().map_or(reached, ErrorEstimate::worst);
+        if reached <= total_variation {
+            return Ok(solution);
+        }
+        settings = settings.finer();
+        coarse = solution;
+    }
+    Err(DoublingError::NotReached { asked: total_variation, reached, nodes: coarse.settings.nodes })
+}
+
+fn solve_mode(
+    problem: &Problem<'_>,
+    ambient: f64,
+    first: f64,
+    incident: &[Column],
+    mode: usize,
+    both_sides: bool,
+) -> ModeResult {
     let n = problem.grid.len();
     let gather = |fate: Fate| {
-        Mat::from_fn(n, incident.len(), |j, i| incident[i].deposit(fate).map_or(0.0, |deposit| deposit[(j, mode)]))
+        Mat::from_fn(n, incident.len(), |j, i| {
+            incident[i].deposit(fate).map_or(0.0, |deposit| deposit[(j, mode)])
+        })
     };
     let top = problem.resolved(ambient, first, mode);
     let back_above = gather(Fate::ReflectedBack);
@@ -189,8 +242,9 @@ fn solve_mode(problem: &Problem<'_>, ambient: f64, first: f64, incident: &[Colum
 
     let body = problem.body(mode);
     let slab = top.slab();
-    let down = star::resolvent(times(slab.r_below.as_ref(), body.r.as_ref()), entered);
+    let down = star::refined_resolvent(&times(slab.r_below.as_ref(), body.r.as_ref()), &entered);
     let up = times(body.r.as_ref(), down.as_ref());
     let interior = finished.subrows(0, n) - &rehit + times(slab.t_below.as_ref(), up.as_ref());
-    ModeResult { interior, rehit, transmitted: times(body.t.as_ref(), down.as_ref()) }
+    let transmitted = times(body.t.as_ref(), down.as_ref());
+    ModeResult { interior, rehit, transmitted, below: both_sides.then(|| slab.above(&body)) }
 }

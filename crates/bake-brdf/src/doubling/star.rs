@@ -26,6 +26,30 @@ pub(super) fn resolvent(mut a: Mat<f64>, mut b: Mat<f64>) -> Mat<f64> {
     b
 }
 
+/// [`resolvent`] with one step of iterative refinement, for the last solve: I − R₁R₂ is nearly singular under a thick
+/// lossless body, and the energy balance should keep its last digits.
+pub(super) fn refined_resolvent(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
+    let mut matrix = a.clone();
+    identity_minus(&mut matrix);
+    let factors = matrix.partial_piv_lu();
+    let mut x = b.clone();
+    factors.solve_in_place(x.as_mut());
+    let mut residual = b - times(matrix.as_ref(), x.as_ref());
+    factors.solve_in_place(residual.as_mut());
+    x + residual
+}
+
+/// Takes rounding out of the energy balance of a lossless slab: every column of R + T sums to 1 in exact arithmetic,
+/// and each doubling would double what the solve with the nearly singular I − R left.
+fn conserve(r: &mut Mat<f64>, t: &mut Mat<f64>) {
+    for i in 0..r.ncols() {
+        let (up, down): (f64, f64) = (r.col(i).sum(), t.col(i).sum());
+        let excess = up + down - 1.0;
+        let (larger, sum) = if up > down { (r.as_mut(), up) } else { (t.as_mut(), down) };
+        larger.col_mut(i).iter_mut().for_each(|value| *value *= 1.0 - excess / sum);
+    }
+}
+
 fn identity_minus(a: &mut Mat<f64>) {
     for j in 0..a.ncols() {
         for value in a.col_mut(j).iter_mut() {
@@ -47,7 +71,12 @@ pub(super) struct Slab {
 impl Slab {
     /// No interface at all.
     pub(super) fn nothing(n: usize) -> Self {
-        Self { r: Mat::zeros(n, n), t: Mat::identity(n, n), r_below: Mat::zeros(n, n), t_below: Mat::identity(n, n) }
+        Self {
+            r: Mat::zeros(n, n),
+            t: Mat::identity(n, n),
+            r_below: Mat::zeros(n, n),
+            t_below: Mat::identity(n, n),
+        }
     }
 
     /// The same interface or slab upside down.
@@ -68,7 +97,12 @@ impl Slab {
         add_times(&mut r, self.t_below.as_ref(), times(lower.r.as_ref(), down.as_ref()).as_ref());
         let mut r_below = lower.r_below.clone();
         add_times(&mut r_below, lower.t.as_ref(), times(self.r_below.as_ref(), up.as_ref()).as_ref());
-        Self { r, t: times(lower.t.as_ref(), down.as_ref()), r_below, t_below: times(self.t_below.as_ref(), up.as_ref()) }
+        Self {
+            r,
+            t: times(lower.t.as_ref(), down.as_ref()),
+            r_below,
+            t_below: times(self.t_below.as_ref(), up.as_ref()),
+        }
     }
 
     /// Absorption in a layer above the slab: `keep` is exp(−τ/|cos θ|) at each node.
@@ -106,16 +140,29 @@ impl Mirror {
         Self { r, t: times(other.t.as_ref(), down.as_ref()) }
     }
 
-    /// `count` ≥ 1 of it, by doubling.
-    pub(super) fn power(self, count: usize) -> Self {
-        repeat(self, count, Self::doubled, Self::joined)
+    /// `count` ≥ 1 of it, by doubling; `lossless` where mode 0 conserves energy.
+    pub(super) fn power(self, count: usize, lossless: bool) -> Self {
+        let balanced = |mut mirror: Self| {
+            if lossless {
+                conserve(&mut mirror.r, &mut mirror.t);
+            }
+            mirror
+        };
+        repeat(self, count, |one| balanced(one.doubled()), |one, other| balanced(one.joined(other)))
     }
 }
 
 impl Slab {
-    /// `count` ≥ 1 of it, by doubling.
-    pub(super) fn power(self, count: usize) -> Self {
-        repeat(self, count, |slab| slab.above(slab), Self::above)
+    /// `count` ≥ 1 of it, by doubling; `lossless` where mode 0 conserves energy.
+    pub(super) fn power(self, count: usize, lossless: bool) -> Self {
+        let balanced = |mut slab: Self| {
+            if lossless {
+                conserve(&mut slab.r, &mut slab.t);
+                conserve(&mut slab.r_below, &mut slab.t_below);
+            }
+            slab
+        };
+        repeat(self, count, |one| balanced(one.above(one)), |one, other| balanced(one.above(other)))
     }
 }
 
@@ -182,7 +229,8 @@ impl Resolved {
             place(&mut once, Fate::Refracted, far);
             place(&mut back, Fate::ReflectedBack, near);
             place(&mut back, Fate::RefractedBack, far);
-            if column.deposit(Fate::ReflectedBack).is_some() || column.deposit(Fate::RefractedBack).is_some() {
+            if column.deposit(Fate::ReflectedBack).is_some() || column.deposit(Fate::RefractedBack).is_some()
+            {
                 again.push(state);
             }
         }

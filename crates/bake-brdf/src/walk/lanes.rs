@@ -21,7 +21,8 @@ use super::Exit;
 use crate::transport::{Geometry, Normals, Transport};
 
 /// The floating-point type that geometry is computed in. Random numbers are the same in both.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Precision {
     /// 32 bits where that is harmless, else 64: see [`Precision::resolve`].
     Auto,
@@ -265,6 +266,9 @@ impl<R: Real> Problem<R> {
 }
 
 /// Runs the kernel of a variant, compiled for a level.
+///
+/// Not every combination has a kernel of its own: the default walk (32 bits, no effect) has the leanest for each
+/// geometry and stack; with an effect a periodic stack is any alternating one; 64-bit plane walks always halve tilts.
 fn run<R: Real>(
     level: SimdLevel,
     variant: Variant,
@@ -272,10 +276,11 @@ fn run<R: Real>(
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
+    let wide = size_of::<R>() > 4;
     match variant.shape {
         SPACE => shaped::<R, SPACE>(level, variant, problem, job, out),
-        1 => shaped::<R, 1>(level, variant, problem, job, out),
-        3 => shaped::<R, 3>(level, variant, problem, job, out),
+        1 if !wide => shaped::<R, 1>(level, variant, problem, job, out),
+        3 if !wide => shaped::<R, 3>(level, variant, problem, job, out),
         _ => shaped::<R, 6>(level, variant, problem, job, out),
     }
 }
@@ -287,15 +292,16 @@ fn shaped<R: Real, const SHAPE: u8>(
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    match (variant.visible, variant.absorb) {
-        (false, false) => effected::<R, SHAPE, false, false>(level, variant, problem, job, out),
-        (false, true) => effected::<R, SHAPE, false, true>(level, variant, problem, job, out),
-        (true, false) => effected::<R, SHAPE, true, false>(level, variant, problem, job, out),
-        (true, true) => effected::<R, SHAPE, true, true>(level, variant, problem, job, out),
+    match (variant.visible, variant.absorb, variant.stack) {
+        (false, false, PERIODIC) => compiled::<R, SHAPE, false, false, PERIODIC>(level, problem, job, out),
+        (false, false, _) => stacked::<R, SHAPE, false, false>(level, variant, problem, job, out),
+        (false, true, _) => stacked::<R, SHAPE, false, true>(level, variant, problem, job, out),
+        (true, false, _) => stacked::<R, SHAPE, true, false>(level, variant, problem, job, out),
+        (true, true, _) => stacked::<R, SHAPE, true, true>(level, variant, problem, job, out),
     }
 }
 
-fn effected<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool>(
+fn stacked<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool>(
     level: SimdLevel,
     variant: Variant,
     problem: &Problem<R>,
@@ -303,11 +309,13 @@ fn effected<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool>(
     out: &mut [Exit],
 ) -> u64 {
     match variant.stack {
-        PERIODIC => compiled::<R, SHAPE, VISIBLE, ABSORB, PERIODIC>(level, problem, job, out),
-        ALTERNATING => compiled::<R, SHAPE, VISIBLE, ABSORB, ALTERNATING>(level, problem, job, out),
-        _ => compiled::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT>(level, problem, job, out),
+        EXPLICIT => compiled::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT>(level, problem, job, out),
+        _ => compiled::<R, SHAPE, VISIBLE, ABSORB, ALTERNATING>(level, problem, job, out),
     }
 }
+
+/// Whether the build's target has a fused multiply-add of its own.
+const FUSED: bool = cfg!(any(target_feature = "fma", target_arch = "aarch64"));
 
 /// The one place where a kernel meets an instruction set.
 #[allow(unsafe_code)] // Run-time dispatch makes the walk several times as fast as the build's own target allows.
@@ -325,7 +333,7 @@ fn compiled<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, c
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as above.
         SimdLevel::Avx2 => unsafe { avx2::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out) },
-        _ => drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out),
+        _ => drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, FUSED>(problem, job, out),
     }
 }
 
@@ -336,7 +344,7 @@ fn avx512<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, con
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out)
+    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true>(problem, job, out)
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -346,5 +354,5 @@ fn avx2<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out)
+    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true>(problem, job, out)
 }

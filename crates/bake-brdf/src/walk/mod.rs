@@ -4,6 +4,7 @@
 //! width, resume or shard gives the same exits.
 
 pub mod lanes;
+pub mod reference;
 
 /// How a path ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -36,7 +36,8 @@ pub(crate) fn space(theta_i_deg: &[f64], theta_cells: usize, phi_cells: usize) -
     table(theta_i_deg, ExitAxis::Space { theta_cells, phi_cells, width: 4f64.to_radians() })
 }
 
-/// A table with the given axis; lobes of 9° (interior), 4° (surface) and 6° (rehit) around the mirror direction.
+/// A table with the given axis of stretch width w; lobes of 2.25 w (interior), w (surface) and 1.5 w (rehit) around
+/// the mirror direction, and an azimuth width of 2 w.
 pub(crate) fn table(theta_i_deg: &[f64], axis: ExitAxis) -> Table {
     let mut table = Table {
         meta: meta(axis),
@@ -46,10 +47,10 @@ pub(crate) fn table(theta_i_deg: &[f64], axis: ExitAxis) -> Table {
     };
     for degrees in theta_i_deg {
         let theta_i = degrees.to_radians();
-        let width = if matches!(axis, ExitAxis::Plane { .. }) { 8f64.to_radians() } else { 0.0 };
+        let width = if matches!(axis, ExitAxis::Plane { .. }) { 2.0 * axis.width() } else { 0.0 };
         let weights = measure::reading_weights(&axis, theta_i, width);
-        let add = |lobe: &mut Lobe, albedo: f64, sd_deg: f64| {
-            let shares = shares(&axis, theta_i, sd_deg.to_radians(), albedo);
+        let add = |lobe: &mut Lobe, albedo: f64, widths: f64| {
+            let shares = shares(&axis, theta_i, widths * axis.width(), albedo);
             let factors = measure::value_factors(&shares, &measure::cell_extents(&axis, theta_i), &weights);
             for (share, factor) in shares.iter().zip(factors) {
                 lobe.value.push((share * factor) as f32);
@@ -57,9 +58,9 @@ pub(crate) fn table(theta_i_deg: &[f64], axis: ExitAxis) -> Table {
                 lobe.count.push((share * PATHS as f64).round() as f32);
             }
         };
-        add(&mut table.interior, interior_albedo(theta_i), 9.0);
-        add(&mut table.surface, surface_albedo(theta_i), 4.0);
-        add(&mut table.rehit, rehit_albedo(theta_i), 6.0);
+        add(&mut table.interior, interior_albedo(theta_i), 2.25);
+        add(&mut table.surface, surface_albedo(theta_i), 1.0);
+        add(&mut table.rehit, rehit_albedo(theta_i), 1.5);
         table.meta.per_incidence.push(summary(*degrees, width));
     }
     table

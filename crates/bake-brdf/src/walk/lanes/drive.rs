@@ -177,34 +177,37 @@ impl<R: Real> Lanes<R> {
     /// Drawing, looking up and moving are loops of their own: short chains of dependent operations, of which the
     /// processor overlaps several.
     #[inline(always)]
-    fn sweep<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
+    fn sweep<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8, const FUSED: bool>(
         &mut self,
         problem: &Problem<R>,
         count: usize,
     ) -> bool {
         let count = count.min(LANES);
-        self.draw::<SHAPE, VISIBLE>(problem, count);
-        if STACK == EXPLICIT {
-            self.look_ahead(problem, count);
+        self.draw::<SHAPE, VISIBLE, FUSED>(problem, count);
+        if STACK != EXPLICIT {
+            return self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, BOTH>(problem, count);
         }
-        let ended = self.meet::<SHAPE, VISIBLE, ABSORB, STACK, false>(problem, count);
+        self.look_ahead(problem, count);
+        let ended = self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, FIRST>(problem, count);
         if SHAPE == SPACE {
             return ended;
         }
-        if STACK == EXPLICIT {
-            self.look_ahead(problem, count);
-        }
-        self.meet::<SHAPE, VISIBLE, ABSORB, STACK, true>(problem, count)
+        self.look_ahead(problem, count);
+        self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, SECOND>(problem, count)
     }
 
     /// Draws the random numbers of a sweep.
     #[inline(always)]
-    fn draw<const SHAPE: u8, const VISIBLE: bool>(&mut self, problem: &Problem<R>, count: usize) {
+    fn draw<const SHAPE: u8, const VISIBLE: bool, const FUSED: bool>(
+        &mut self,
+        problem: &Problem<R>,
+        count: usize,
+    ) {
         let normal = problem.constants.normal;
         for lane in 0..count {
             let mut generator = self.generator(lane);
             let pair = Pair::draw(&mut generator);
-            let (first, second) = normal.deviates(pair);
+            let (first, second) = normal.deviates::<FUSED>(pair);
             self.tilts[0][lane] = first;
             self.tilts[1][lane] = second;
             self.choices[0][lane] = pair.choice();
@@ -232,35 +235,55 @@ impl<R: Real> Lanes<R> {
         }
     }
 
-    /// Moves every path on by one event, the `SECOND` of a plane sweep or the first; whether any path ended.
+    /// Moves every path on by the events `PART` of the sweep; whether any path ended.
     #[inline(always)]
-    fn meet<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8, const SECOND: bool>(
+    fn meet<
+        const SHAPE: u8,
+        const VISIBLE: bool,
+        const ABSORB: bool,
+        const STACK: u8,
+        const FUSED: bool,
+        const PART: u8,
+    >(
         &mut self,
         problem: &Problem<R>,
         count: usize,
     ) -> bool {
         let constants = problem.constants;
-        let half = usize::from(SECOND);
         let mut any = 0;
         for lane in 0..count {
-            let ray = self.get(lane);
-            let tilt = self.tilts[half][lane];
-            let facet = if SHAPE == SPACE {
-                Facet::sloped(tilt, self.tilts[1][lane])
-            } else {
-                Facet::tilted::<SHAPE>(tilt, &constants.tilt)
-            };
-            let ahead = if STACK == EXPLICIT {
-                Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
-            } else {
-                constants.alternating::<STACK>(ray.interface, ray.step)
-            };
-            let rests = SECOND & (self.done[lane] != 0);
-            let weight = self.weights[half][lane];
-            let takes = |a: R| !rests & (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, tilt, a, weight));
-            let ray = constants.meet::<SHAPE, ABSORB>(ray, facet, ahead, self.choices[half][lane], takes);
-            let absorbed = ABSORB && ray.depth > self.limit[lane];
-            let done = -i32::from(constants.is_out(&ray) | absorbed);
+            let mut ray = self.get(lane);
+            let mut done = if PART == SECOND { self.done[lane] } else { 0 };
+            for half in 0..2 {
+                if half == 0 && PART == SECOND || half == 1 && (PART == FIRST || SHAPE == SPACE) {
+                    continue;
+                }
+                let tilt = self.tilts[half][lane];
+                let facet = if SHAPE == SPACE {
+                    Facet::sloped::<FUSED>(tilt, self.tilts[1][lane])
+                } else {
+                    Facet::tilted::<SHAPE, FUSED>(tilt, &constants.tilt)
+                };
+                let ahead = if STACK == EXPLICIT {
+                    Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
+                } else {
+                    constants.alternating::<STACK>(ray.interface, ray.step)
+                };
+                // A path that ended in the first half of a sweep rests in the second.
+                let rests = half == 1 && done != 0;
+                let weight = self.weights[half][lane];
+                let takes =
+                    |a: R| !rests & (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, tilt, a, weight));
+                ray = constants.meet::<SHAPE, ABSORB, FUSED>(
+                    ray,
+                    facet,
+                    ahead,
+                    self.choices[half][lane],
+                    takes,
+                );
+                let absorbed = ABSORB && ray.depth > self.limit[lane];
+                done = -i32::from(constants.is_out(&ray) | absorbed);
+            }
             any |= done;
             self.done[lane] = done;
             self.set::<ABSORB>(lane, ray);
@@ -297,9 +320,21 @@ impl<R: Real> Lanes<R> {
     }
 }
 
+/// Which events of a sweep to do: all, or one of the two that share a pair of plane deviates.
+const BOTH: u8 = 0;
+const FIRST: u8 = 1;
+const SECOND: u8 = 2;
+
 /// Walks all paths of a job, one `Exit` each in path order; the number of crossings.
 #[inline(always)]
-pub(crate) fn walk<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
+pub(crate) fn walk<
+    R: Real,
+    const SHAPE: u8,
+    const VISIBLE: bool,
+    const ABSORB: bool,
+    const STACK: u8,
+    const FUSED: bool,
+>(
     problem: &Problem<R>,
     job: &Job,
     out: &mut [Exit],
@@ -315,7 +350,7 @@ pub(crate) fn walk<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: 
     let mut until_cut = lanes.cut(job.event_cap);
     while live > 0 {
         let count = live.next_multiple_of(BLOCK);
-        let mut any = lanes.sweep::<SHAPE, VISIBLE, ABSORB, STACK>(problem, count);
+        let mut any = lanes.sweep::<SHAPE, VISIBLE, ABSORB, STACK, FUSED>(problem, count);
         until_cut -= 1;
         if until_cut == 0 {
             until_cut = lanes.cut(job.event_cap);

@@ -89,16 +89,16 @@ pub(crate) struct Facet<R> {
 impl<R: Real> Facet<R> {
     /// From two slopes.
     #[inline(always)]
-    pub(crate) fn sloped(p: f32, q: f32) -> Self {
+    pub(crate) fn sloped<const FUSED: bool>(p: f32, q: f32) -> Self {
         let (x, y) = (R::from_f32(p), R::from_f32(q));
-        Self { x, y, z: R::ONE, square: x.mul_add(x, y.mul_add(y, R::ONE)) }
+        Self { x, y, z: R::ONE, square: x.fma::<FUSED>(x, y.fma::<FUSED>(y, R::ONE)) }
     }
 
     /// From a tilt in the plane of incidence.
     #[inline(always)]
-    pub(crate) fn tilted<const SHAPE: u8>(alpha: f32, tilt: &TiltSinCos<R>) -> Self {
+    pub(crate) fn tilted<const SHAPE: u8, const FUSED: bool>(alpha: f32, tilt: &TiltSinCos<R>) -> Self {
         let alpha = R::from_f32(alpha);
-        let (x, z) = tilt.of(alpha, SHAPE - 1);
+        let (x, z) = tilt.of::<FUSED>(alpha, SHAPE - 1);
         Self { x, y: R::ZERO, z, square: R::ONE }
     }
 }
@@ -167,7 +167,7 @@ impl<R: Real> Constants<R> {
     /// One event: the ray meets `facet`; `choice`, uniform on (0, 2³¹], decides between reflection and refraction.
     /// A facet that faces away, or that `takes` refuses, changes nothing.
     #[inline(always)]
-    pub(crate) fn meet<const SHAPE: u8, const ABSORB: bool>(
+    pub(crate) fn meet<const SHAPE: u8, const ABSORB: bool, const FUSED: bool>(
         &self,
         ray: Ray<R>,
         facet: Facet<R>,
@@ -177,37 +177,37 @@ impl<R: Real> Constants<R> {
     ) -> Ray<R> {
         let space = SHAPE == SPACE;
         let ratio = ahead.ratio;
-        let contrast = (-ratio).mul_add(ratio, R::ONE);
+        let contrast = (-ratio).fma::<FUSED>(ratio, R::ONE);
         // a = |N| cos θ1, b = |N| cos θ2 (0 past the critical angle).
         let a = if space {
-            (-ray.x).mul_add(facet.x, (-ray.y).mul_add(facet.y, ray.z))
+            (-ray.x).fma::<FUSED>(facet.x, (-ray.y).fma::<FUSED>(facet.y, ray.z))
         } else {
-            (-ray.x).mul_add(facet.x, ray.z * facet.z)
+            (-ray.x).fma::<FUSED>(facet.x, ray.z * facet.z)
         };
         // A facet that is refused becomes a grazing one: it reflects, and adds twice nothing to the direction.
         let a = choose((a > R::ZERO) & takes(a), a, R::ZERO);
         let faces = a > R::ZERO;
         let scaled = a * ratio;
-        let square = scaled.mul_add(scaled, if space { facet.square * contrast } else { contrast });
+        let square = scaled.fma::<FUSED>(scaled, if space { facet.square * contrast } else { contrast });
         let b = choose(square > R::ZERO, square, R::ZERO).sqrt();
         // r_s = sn/sd and r_p = pn/pd; u ≤ (r_s² + r_p²)/2 without a division.
         let (sd, sn) = (scaled + b, scaled - b);
-        let (pd, pn) = (ratio.mul_add(b, a), (-ratio).mul_add(b, a));
+        let (pd, pn) = (ratio.fma::<FUSED>(b, a), (-ratio).fma::<FUSED>(b, a));
         let (both, s, p) = (sd * pd, sn * pd, pn * sd);
         let needed = R::from_f32(choice) * both * both;
-        let reflects = needed <= R::from_f64(HALF_SCALE) * s.mul_add(s, p * p);
+        let reflects = needed <= R::from_f64(HALF_SCALE) * s.fma::<FUSED>(s, p * p);
         let along = choose(reflects, R::ONE, ratio);
         let normal = choose(reflects, a + a, sn);
         let normal = if space { normal / facet.square } else { normal };
-        let z = ray.z.mul_add(along, -(if space { normal } else { normal * facet.z }));
+        let z = ray.z.fma::<FUSED>(along, -(if space { normal } else { normal * facet.z }));
         let turns = faces & (z <= R::ZERO);
         // Reflected upwards or refracted onwards, the ray crosses a layer; else it meets the same interface again.
         let crosses = reflects == turns;
         let step = choose(turns, -ray.step, ray.step);
         let met = ray.met + choose(faces, CROSSING, 0);
         let mut next = Ray {
-            x: ray.x.mul_add(along, normal * facet.x),
-            y: if space { ray.y.mul_add(along, normal * facet.y) } else { ray.y },
+            x: ray.x.fma::<FUSED>(along, normal * facet.x),
+            y: if space { ray.y.fma::<FUSED>(along, normal * facet.y) } else { ray.y },
             z: z.abs(),
             interface: choose(crosses, ray.interface + step, ray.interface),
             step,
