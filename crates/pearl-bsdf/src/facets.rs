@@ -112,7 +112,7 @@ impl Facets {
     #[inline]
     pub(crate) fn pdf(&self, wi: Direction, half: &Half) -> f64 {
         let (cos_i, sin_i) = (wi[2], (1.0 - wi[2] * wi[2]).max(0.0).sqrt());
-        let kept = self.kept(f64::from(-1.0) / cos_i, 1.0 / cos_i) * {
+        let kept = self.kept(-1.0 / cos_i, 1.0 / cos_i) * {
             let limits = limits(cos_i, sin_i, half.q);
             self.kept(limits.lo, limits.hi)
         };
