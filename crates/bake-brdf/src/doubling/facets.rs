@@ -25,6 +25,12 @@ pub(super) enum Fate {
     RefractedBack = 3,
 }
 
+impl Fate {
+    pub(super) fn is_reflected(self) -> bool {
+        matches!(self, Self::Reflected | Self::ReflectedBack)
+    }
+}
+
 pub(super) const FATES: [Fate; 4] =
     [Fate::Reflected, Fate::ReflectedBack, Fate::Refracted, Fate::RefractedBack];
 
@@ -264,7 +270,7 @@ impl Interface {
             _ => -(0.5 * theta).tan(),
         };
         let faces = c - x * s > 0.0;
-        (faces && x.abs() < (self.sampling.reach - 0.8) * self.facets.slope_sd).then_some(x)
+        (faces && x.abs() < (self.sampling.reach - 0.3) * self.facets.slope_sd).then_some(x)
     }
 
     /// Distance of rows q: the midpoint rule of a Gaussian times an oscillation of rate k (radians per slope) is
