@@ -62,7 +62,9 @@ fn doubling_phase(c: &mut Criterion) {
         let a = Mat::<f64>::from_fn(nodes, nodes, |i, j| 1.0 / (i + j + 1) as f64);
         let mut product = Mat::<f64>::zeros(nodes, nodes);
         group.bench_function(format!("dgemm, n = {nodes}"), |b| {
-            b.iter(|| matmul(product.as_mut(), Accum::Replace, a.as_ref(), black_box(a.as_ref()), 1.0, Par::Seq));
+            b.iter(|| {
+                matmul(product.as_mut(), Accum::Replace, a.as_ref(), black_box(a.as_ref()), 1.0, Par::Seq)
+            });
         });
     }
     group.finish();

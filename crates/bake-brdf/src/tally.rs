@@ -156,11 +156,11 @@ impl Tally {
             self.cells[component * count + cell].add_path(weight);
             let x = angle - cells.theta_i;
             let mut power = 1.0;
-            for k in 0..7 {
+            for (k, sum) in squared.iter_mut().enumerate() {
                 if let Some(sum) = weighted.get_mut(k) {
                     *sum += weight * power;
                 }
-                squared[k] += weight * weight * power;
+                *sum += weight * weight * power;
                 power *= x;
             }
         }

@@ -1,5 +1,7 @@
 //! The built `thinfilm`, end to end.
 
+#![allow(clippy::print_stdout)] // a skipped check says why
+
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};

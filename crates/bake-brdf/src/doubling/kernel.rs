@@ -97,7 +97,13 @@ fn to_nodes(grid: &Grid, moments: &Mat<f64>) -> Mat<f64> {
     nodes
 }
 
-fn space_column(interface: &Interface, grid: &Grid, modes: usize, theta: f64, scratch: &mut Scratch) -> Column {
+fn space_column(
+    interface: &Interface,
+    grid: &Grid,
+    modes: usize,
+    theta: f64,
+    scratch: &mut Scratch,
+) -> Column {
     let mut deposits: [Option<Mat<f64>>; 4] = [const { None }; 4];
     let [reflected_pole, refracted_pole] =
         [Part::ReflectedOnly, Part::RefractedOnly].map(|part| interface.pole(theta, part));
@@ -148,8 +154,16 @@ fn add_deposit(
 ) {
     let scale = 1.0 / scratch.events.total;
     let outcomes = &scratch.events.by_fate[fate as usize];
-    let more =
-        deposit(outcomes, grid, range.0, range.1, modes, scale, &mut scratch.polynomials, &mut scratch.cosines);
+    let more = deposit(
+        outcomes,
+        grid,
+        range.0,
+        range.1,
+        modes,
+        scale,
+        &mut scratch.polynomials,
+        &mut scratch.cosines,
+    );
     match (&mut deposits[fate as usize], more) {
         (Some(all), Some(more)) => *all += more,
         (none, more @ Some(_)) => *none = more,

@@ -168,7 +168,8 @@ impl Settings {
             Geometry::Plane => columns * facets * n * 4.0 * PLANE_TERM,
             Geometry::Space => columns * facets * (1.6 * n * (modes + 12.0) * OPERATION + FACET),
         };
-        let adding = modes * n * n * n * (10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64) * OPERATION;
+        let adding =
+            modes * n * n * n * (10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64) * OPERATION;
         let grazing = (6.0 * sigma / FRAC_PI_2).min(1.0) * incidences as f64;
         let rehit = if geometry == Geometry::Plane { 0.0 } else { grazing * REHIT };
         Cost {
