@@ -2,7 +2,7 @@
 //!
 //! [`axis`] says which directions a row's cells cover, [`measure`] how much direction a cell stands for,
 //! [`decay`] is the azimuth postulate, [`table`] is the table in memory, [`lobe`] reads it at any pair of
-//! directions, [`exr_file`] is the file. [`slice`](mod@slice), [`check`] and [`diff`] are what the tool `lut` shows. The file's layout is documented in `docs/LUT-FORMAT.md`.
+//! directions, [`spectra`] holds the colours of interference, [`exr_file`] is the file. [`slice`](mod@slice), [`check`] and [`diff`] are what the tool `lut` shows. The file's layout is documented in `docs/LUT-FORMAT.md`.
 
 pub mod atomic;
 pub mod axis;
@@ -16,6 +16,7 @@ pub mod measure;
 pub mod monotone;
 pub mod profile;
 pub mod slice;
+pub mod spectra;
 pub mod table;
 
 pub use error::{Flaw, LutError};

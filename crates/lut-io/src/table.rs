@@ -2,6 +2,7 @@
 
 use crate::axis::{self, ExitAxis};
 use crate::error::Flaw;
+use crate::spectra::Spectra;
 use serde::{Deserialize, Serialize};
 
 /// Schema name this crate writes; a reader refuses a newer major version.
@@ -236,7 +237,8 @@ impl Meta {
         }
         share("accuracy.reached_percent", self.accuracy.reached_percent)?;
         share("accuracy.worst_theta_i_deg", self.accuracy.worst_theta_i_deg)?;
-        share("accuracy.interpolation_percent", self.accuracy.interpolation_percent)
+        share("accuracy.interpolation_percent", self.accuracy.interpolation_percent)?;
+        Spectra::of(self).map(|_| ())
     }
 
     fn check_axis(&self) -> Result<(), Flaw> {

@@ -3,7 +3,7 @@
 use num_complex::Complex64;
 use proptest::prelude::*;
 use rand::rngs::StdRng;
-use rand::{RngExt as _, SeedableRng as _};
+use rand::SeedableRng as _;
 use rayon::prelude::*;
 use thinfilm::{Incidence, Layer, Multilayer, Polarisation, Response, Run};
 

@@ -309,6 +309,7 @@ impl Interface {
     }
 
     /// (γ, Δφ) of the reflected and of the refracted ray.
+    #[allow(clippy::type_complexity)] // two rays of two angles
     fn directions(&self, theta: f64, slope: (f64, f64)) -> (Option<(f64, f64)>, Option<(f64, f64)>) {
         let angles = |d: [f64; 3]| (legendre_angle(2.0 * d[2].abs() - 1.0), d[1].atan2(d[0]));
         let (s, c) = theta.sin_cos();
