@@ -1,12 +1,12 @@
 //! The BSDF itself.
 
 use crate::Direction;
-use crate::colour::{self, Angles, Colours, Curves, HalfAngles, Palette, TALLIES};
+use crate::colour::{self, Angles, Colours, HalfAngles, Palette, TALLIES};
 use crate::controls::{BsdfError, Components, Controls};
 use crate::curve::{self, NODES, Place};
 use crate::facets::{self, Facets, Half, Rules};
 use crate::quadrature::gauss_legendre;
-use crate::tabulated::{COMPONENTS, Exit, Incidence, Tabulated, half_azimuth2};
+use crate::tabulated::{Exit, Incidence, Tabulated, half_azimuth2};
 use lut_io::axis::Stretched;
 use lut_io::lobe::Interpolant;
 use lut_io::spectra::Spectra;
@@ -63,8 +63,8 @@ pub struct PearlBsdf {
     controls: Controls,
     facets: Facets,
     tabulated: Tabulated,
-    /// Over θi: corrections of interior and rehit, factor of the closed-form reflection.
-    scales: Curves,
+    /// Over θi: factor of the closed-form reflection that gives it its share of the light.
+    mirror_scale: Box<[f64; NODES]>,
     rgb: Colours,
     wavelength_nm: Vec<f64>,
     bands: Vec<Colours>,
@@ -120,8 +120,8 @@ impl PearlBsdf {
         });
         let bands = bands.collect();
         let chances = chances(&rgb, &controls);
-        let scales = scales(&lobe, &facets, &rules);
-        Ok(Self { controls, facets, tabulated, scales, rgb, wavelength_nm, bands, chances })
+        let mirror_scale = mirror_scale(&lobe, &facets, &rules);
+        Ok(Self { controls, facets, tabulated, mirror_scale, rgb, wavelength_nm, bands, chances })
     }
 
     /// The controls.
@@ -215,18 +215,18 @@ impl PearlBsdf {
     pub fn directional_albedo(&self, theta_i: f64) -> [[f64; 3]; 4] {
         let cos_i = theta_i.cos();
         let at_i = Place::of_cos(cos_i);
-        let scales = at_i.read3(&self.scales);
+        let scale = at_i.read(&self.mirror_scale);
         let (mut mirror, mut blur) = ([0.0; 3], [0.0; 3]);
         let add = |sum: &mut [f64; 3], mass: f64, cos_d: f64| {
             let factor = self.rgb.lobe_factor(at_i, Place::of_cos(cos_d));
             (0..3).for_each(|c| sum[c] += mass * factor[c]);
         };
         self.facets.integrate(&Rules::new(), cos_i, |mass, cos_d| {
-            add(&mut mirror, mass * scales[SURFACE], cos_d);
+            add(&mut mirror, mass * scale, cos_d);
         });
         tabulated_light(&self.tabulated, theta_i, FINE, |cos_d, [interior, rehit]| {
-            add(&mut mirror, rehit * scales[REHIT], cos_d);
-            add(&mut blur, interior * scales[INTERIOR], cos_d);
+            add(&mut mirror, rehit, cos_d);
+            add(&mut blur, interior, cos_d);
         });
         let [diffuse, incoherent] = self.rgb.base_albedo(at_i, self.controls.depth);
         [diffuse, incoherent, mirror, blur]
@@ -253,16 +253,15 @@ impl PearlBsdf {
         };
         let angles = Angles { incidence: at_i, exit, half: Place::of_cos(geometry.half.cos), view };
         let terms = colours.terms(depth, angles, wo[2]);
-        let scales = at_i.read3(&self.scales);
+        let scale = at_i.read(&self.mirror_scale);
         let [interior, rehit] = self.tabulated.eval(&geometry.incidence, &geometry.exit);
-        let mirror = rehit * scales[REHIT] + self.facets.reflection(&geometry.half) * scales[SURFACE];
-        let blur = interior * scales[INTERIOR];
+        let mirror = rehit + self.facets.reflection(&geometry.half) * scale;
         let shown = |show: bool, rgb: [f64; 3]| if show { rgb } else { [0.0; 3] };
         Evaluation {
             diffuse: shown(components.diffuse, terms.diffuse),
             incoherent: shown(components.incoherent, terms.incoherent),
             mirror: shown(components.mirror, terms.lobe.map(|factor| factor * mirror)),
-            blur: shown(components.blur, terms.lobe.map(|factor| factor * blur)),
+            blur: shown(components.blur, terms.lobe.map(|factor| factor * interior)),
         }
     }
 
@@ -422,19 +421,16 @@ fn rule_between(mut nodes: Vec<f64>, points: usize) -> Vec<(f64, f64)> {
     pieces.filter(|(_, weight)| *weight > 0.0).collect()
 }
 
-/// What the tabulated and the closed-form lobes are multiplied by, over θi.
-fn scales(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Curves {
-    let mut scales: Curves = Box::new([[0.0; 3]; NODES]);
-    for (node, scale) in scales.iter_mut().enumerate() {
-        let theta = curve::theta_at(node);
-        let row = lobe.row(theta);
-        let [interior, rehit] = COMPONENTS.map(|component| row.correction(component));
+fn mirror_scale(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Box<[f64; NODES]> {
+    let mut scale = Box::new([0.0; NODES]);
+    for (node, scale) in scale.iter_mut().enumerate() {
         let mut integral = 0.0;
         facets.integrate(rules, curve::cos_at(node), |mass, _| integral += mass);
-        let share = colour::single_reflection_share(lobe, theta);
-        *scale = [interior, rehit, if integral > 0.0 { share / integral } else { 0.0 }];
+        if integral > 0.0 {
+            *scale = colour::single_reflection_share(lobe, curve::theta_at(node)) / integral;
+        }
     }
-    scales
+    scale
 }
 
 /// Probabilities of the four techniques: the albedos of what is shown.

@@ -27,6 +27,13 @@ impl Place {
         Self { index, fraction: u - index as f64 }
     }
 
+    /// A curve read here, linearly between its nodes.
+    #[inline]
+    pub(crate) fn read(self, curve: &[f64; NODES]) -> f64 {
+        let (a, b) = (curve[self.index], curve[self.index + 1]);
+        a + self.fraction * (b - a)
+    }
+
     /// Three curves read here, linearly between their nodes.
     #[inline]
     pub(crate) fn read3(self, curves: &[[f64; 3]; NODES]) -> [f64; 3] {

@@ -34,7 +34,14 @@ pub(crate) struct Tabulated {
     /// Interior and rehit of every cell, f·cos θo in 1/sr.
     values: Vec<[f32; 2]>,
     sampling: [Sampling; 2],
+    /// Ends of the ranges of θi that one pair of rows serves, radians: the incidences, 0 and π/2.
+    spans: Vec<f64>,
+    /// Corrections of interior and rehit at equal steps of each span: smooth within it, with a kink at its ends.
+    corrections: Vec<[[f64; 2]; SPAN_STEPS + 1]>,
 }
+
+/// Steps of a span at which corrections are known.
+const SPAN_STEPS: usize = 16;
 
 /// Piecewise-linear densities of one component, every incidence.
 #[derive(Clone, Debug)]
@@ -63,6 +70,7 @@ struct Between {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Incidence {
     between: Between,
+    correction: [f64; 2],
     columns: Warp,
     azimuth: Azimuth,
 }
@@ -98,6 +106,20 @@ impl Tabulated {
         let width = table.meta.per_incidence.iter().map(|s| s.azimuth_width_deg.to_radians()).collect();
         let values = table.interior.value.iter().zip(&table.rehit.value).map(|(a, b)| [*a, *b]).collect();
         let sampling = COMPONENTS.map(|component| Sampling::new(table, component));
+        let mut spans = theta.clone();
+        if theta[0] > 0.0 {
+            spans.insert(0, 0.0);
+        }
+        if theta[theta.len() - 1] < FRAC_PI_2 {
+            spans.push(FRAC_PI_2);
+        }
+        let correction = |ends: &[f64], step: usize| {
+            let fraction = step as f64 / SPAN_STEPS as f64;
+            let row = lobe.row(ends[0] + fraction * (ends[1] - ends[0]));
+            COMPONENTS.map(|component| row.correction(component))
+        };
+        let corrections =
+            spans.windows(2).map(|ends| std::array::from_fn(|step| correction(ends, step))).collect();
         Self {
             axis,
             theta,
@@ -106,6 +128,8 @@ impl Tabulated {
             rows: axis.rows_per_incidence(),
             values,
             sampling,
+            spans,
+            corrections,
         }
     }
 
@@ -122,7 +146,19 @@ impl Tabulated {
                 Azimuth::Decay { concentration: sin_i / (width * width) }
             }
         };
-        Incidence { between, columns, azimuth }
+        Incidence { between, correction: self.correction(theta_i, between), columns, azimuth }
+    }
+
+    #[inline]
+    fn correction(&self, theta_i: f64, between: Between) -> [f64; 2] {
+        // The first span ends at the first incidence unless that is 0.
+        let before = usize::from(self.theta[0] > 0.0 && theta_i >= self.theta[0]);
+        let span = (between.node + before).min(self.corrections.len() - 1);
+        let (from, to) = (self.spans[span], self.spans[span + 1]);
+        let step = ((theta_i - from) / (to - from)).clamp(0.0, 1.0) * SPAN_STEPS as f64;
+        let index = (step as usize).min(SPAN_STEPS - 1);
+        let (a, b) = (self.corrections[span][index], self.corrections[span][index + 1]);
+        [0, 1].map(|c| a[c] + (step - index as f64) * (b[c] - a[c]))
     }
 
     /// The exit cells.
@@ -180,10 +216,10 @@ impl Tabulated {
         }
     }
 
-    /// f·cos θo in 1/sr of both components, without the correction of the albedo.
+    /// f·cos θo in 1/sr of both components, the albedo restored.
     #[inline]
     pub(crate) fn eval(&self, at: &Incidence, exit: &Exit) -> [f64; 2] {
-        match exit {
+        let values = match exit {
             Exit::Decay { forward, retro, concentration, y2, .. } => {
                 let d = azimuth::decay(*concentration, *y2);
                 let (ahead, back) = (self.read(at.between, 0, *forward), self.read(at.between, 0, *retro));
@@ -194,7 +230,8 @@ impl Tabulated {
                 let far = self.read(at.between, row.index + 1, *column);
                 [0, 1].map(|c| near[c] + row.fraction * (far[c] - near[c]))
             }
-        }
+        };
+        [0, 1].map(|c| at.correction[c] * values[c])
     }
 
     #[inline]

@@ -105,13 +105,15 @@ fn sphere_or_ground(ray: Ray) -> Surface {
 
 /// Height of the sheet.
 fn height(x: f64, y: f64) -> f64 {
-    let fold = (1.7 * x + 0.9 * (1.1 * y + 0.4).sin()).sin();
-    let cross = (2.3 * y - 0.8 * x + 0.7 * (1.3 * x).sin()).sin();
-    0.26 * fold + 0.16 * cross + 0.05 * (3.9 * x + 2.9 * y).sin()
+    let fold = (2.6 * x + 1.4 * (1.7 * y + 0.4).sin()).sin();
+    let cross = (3.6 * y - 1.3 * x + 1.0 * (2.0 * x).sin()).sin();
+    0.16 * fold + 0.1 * cross + 0.03 * (6.1 * x + 4.6 * y).sin()
 }
 
 /// Largest height of the sheet.
-const CREST: f64 = 0.26 + 0.16 + 0.05;
+const CREST: f64 = 0.16 + 0.1 + 0.03;
+/// Bound of its slope: the sum of amplitude times wavenumber of its terms.
+const STEEPEST: f64 = 0.16 * 3.9 + 0.1 * 5.4 + 0.03 * 7.7;
 
 fn swatch((origin, direction): Ray) -> Surface {
     // The camera looks down: every ray passes the slab that holds the sheet.
@@ -119,20 +121,17 @@ fn swatch((origin, direction): Ray) -> Surface {
     let leave = (-CREST - origin[2]) / direction[2];
     let at = |t: f64| add(origin, scale(direction, t));
     let above = |p: Vector| p[2] - height(p[0], p[1]);
-    let steps = 96;
-    let (mut lo, mut hi) = (enter, leave);
-    for i in 1..=steps {
-        let t = enter + (leave - enter) * f64::from(i) / f64::from(steps);
-        if above(at(t)) <= 0.0 {
-            hi = t;
+    // The sheet is nowhere steeper than STEEPEST: this much of the height is free of it.
+    let free = 1.0 / (1.0 + STEEPEST);
+    let mut t = enter;
+    for _ in 0..80 {
+        let step = above(at(t)) * free;
+        t = (t + step).min(leave);
+        if step < 1e-5 {
             break;
         }
-        lo = t;
     }
-    for _ in 0..30 {
-        let middle = 0.5 * (lo + hi);
-        if above(at(middle)) > 0.0 { lo = middle } else { hi = middle }
-    }
+    let hi = t;
     let point = at(hi);
     let e = 1e-4;
     let slope_x = (height(point[0] + e, point[1]) - height(point[0] - e, point[1])) / (2.0 * e);
@@ -145,7 +144,7 @@ fn swatch_shades(point: Vector, direction: Vector) -> bool {
         return true;
     }
     let leave = (CREST - point[2]) / direction[2];
-    let steps = 24;
+    let steps = 10;
     (1..=steps).any(|i| {
         let p = add(point, scale(direction, 0.01 + leave * f64::from(i) / f64::from(steps)));
         p[2] < height(p[0], p[1])
