@@ -2,9 +2,9 @@
 //!
 //! The same Markov chain as the walk's, solved in a spectral basis. Per azimuthal mode the *value functions* on a
 //! hemisphere (what a ray of direction ω will have earned when it is gone) are polynomials on Gauss–Legendre nodes;
-//! an interface maps them back by a quadrature over its facets ([`kernel`]), so that energy closes to rounding.
-//! Interfaces are joined by the adding equations, periodic parts by doubling ([`star`], [`stack`]). The first
-//! interface is kept apart: its single reflection has a closed form ([`surface`]) and needs no modes at all.
+//! an interface maps them back by a quadrature over its facets (`kernel`), so that energy closes to rounding.
+//! Interfaces are joined by the adding equations, periodic parts by doubling (`star`, `stack`). The first
+//! interface is kept apart: its single reflection has a closed form (`surface`) and needs no modes at all.
 
 mod facets;
 mod grid;
