@@ -53,7 +53,8 @@ fn kernels(criterion: &mut Criterion) {
 fn effects(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("effect");
     group.sample_size(10);
-    let stacks: [(&str, fn(&mut Transport)); 5] = [
+    type Change = fn(&mut Transport);
+    let stacks: [(&str, Change); 5] = [
         ("none", |_| {}),
         ("substrate", |t| *t.indices.last_mut().expect("media") = 1.0),
         ("visible", |t| t.facets.normals = Normals::Visible),

@@ -4,6 +4,8 @@
 //! the share of paths that end otherwise, and the difference of the albedos with its standard error, which is that of
 //! the differing paths alone.
 
+#![allow(clippy::print_stdout)] // Its line of output is what it is for.
+
 use std::error::Error;
 
 use bake_brdf::transport::{Geometry, Transport};

@@ -4,6 +4,8 @@
 //! scripts in `tools/peers`, and `--walk lanes|reference`, `--level portable|avx2|avx512`, `--precision f32|f64`.
 //! CPU time is that of `/proc` (Linux); elsewhere wall time stands in for it.
 
+#![allow(clippy::print_stdout)] // Its line of output is what it is for.
+
 use std::error::Error;
 
 use bake_brdf::transport::{Geometry, Transport};

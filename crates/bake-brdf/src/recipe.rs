@@ -344,6 +344,43 @@ impl Recipe {
         self.light.wavelength_nm * 1e-9
     }
 
+    /// The stack of layers for wave optics, with mean thicknesses and their spread; an alternating stack stays
+    /// periodic, so that its cost does not grow with its layers.
+    #[must_use]
+    pub fn film_stack(&self) -> thinfilm::Stack {
+        let stack = &self.stack;
+        let gain = if stack.gain { thinfilm::Gain::Allowed } else { thinfilm::Gain::Refused };
+        let (ambient, substrate) = (stack.ambient.material(), stack.substrate.material());
+        let Some(explicit) = &stack.explicit else {
+            let part = |layer: &Layer| {
+                let ResolvedLayer { material, thickness, thickness_sd } = layer.resolved();
+                (material, thickness, thickness_sd)
+            };
+            let layers = stack.layer_count() as u64;
+            let film = thinfilm::Stack::alternating(
+                ambient,
+                part(&stack.aragonite),
+                part(&stack.conchiolin),
+                layers,
+                substrate,
+            );
+            return thinfilm::Stack { gain, ..film };
+        };
+        let resolved: Vec<ResolvedLayer> = explicit.iter().map(Layer::resolved).collect();
+        let unit = resolved.iter().enumerate().map(|(material, layer)| thinfilm::StackLayer {
+            material,
+            thickness: layer.thickness,
+            thickness_sd: layer.thickness_sd,
+        });
+        thinfilm::Stack {
+            ambient,
+            runs: vec![thinfilm::StackRun { unit: unit.collect(), repeat: 1 }],
+            materials: resolved.into_iter().map(|layer| layer.material).collect(),
+            substrate,
+            gain,
+        }
+    }
+
     /// The transport problem at a vacuum wavelength in metres.
     ///
     /// # Errors

@@ -2,7 +2,8 @@
 //!
 //! Within one chunk of [`CHUNK`] consecutive path numbers sums run in path order in f64; at its end they are
 //! rounded to fixed-point integers. Integers add associatively, so tallies of chunks give the same bits for any
-//! number of threads, order of chunks, resume or shard.
+//! number of threads, order of chunks, resume or shard. Angles come from the `libm` crate, not from the system, whose
+//! last bits differ from machine to machine.
 
 use crate::transport::Geometry;
 use crate::walk::{Exit, Fate};
@@ -104,12 +105,12 @@ impl Cells {
         let index = |axis: &Stretched, value: f64| (axis.position(value) as usize).min(axis.cells - 1);
         match (self.geometry, &self.phi) {
             (Geometry::Space, Some(phi_axis)) => {
-                let theta = x.hypot(y).atan2(z);
-                let phi = y.abs().atan2(x);
+                let theta = libm::atan2(libm::hypot(x, y), z);
+                let phi = libm::atan2(y.abs(), x);
                 (theta, index(phi_axis, phi) * self.columns.cells + index(&self.columns, theta))
             }
             _ => {
-                let s = x.atan2(z);
+                let s = libm::atan2(x, z);
                 (s, index(&self.columns, s))
             }
         }
@@ -155,11 +156,11 @@ impl Tally {
             self.cells[component * count + cell].add_path(weight);
             let x = angle - cells.theta_i;
             let mut power = 1.0;
-            for k in 0..7 {
+            for (k, sum) in squared.iter_mut().enumerate() {
                 if let Some(sum) = weighted.get_mut(k) {
                     *sum += weight * power;
                 }
-                squared[k] += weight * weight * power;
+                *sum += weight * weight * power;
                 power *= x;
             }
         }

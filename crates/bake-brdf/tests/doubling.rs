@@ -213,6 +213,55 @@ fn light_from_below_is_light_from_above_of_the_stack_upside_down() {
     }
 }
 
+/// Gauss–Legendre of five points on panels whose ends grow geometrically from `first` to `end`.
+fn panels(first: f64, end: f64) -> Vec<(f64, f64)> {
+    let nodes = [
+        (-0.906_179_845_938_664, 0.236_926_885_056_189_1),
+        (-0.538_469_310_105_683_1, 0.478_628_670_499_366_5),
+        (0.0, 0.568_888_888_888_888_9),
+        (0.538_469_310_105_683_1, 0.478_628_670_499_366_5),
+        (0.906_179_845_938_664, 0.236_926_885_056_189_1),
+    ];
+    let mut points = Vec::new();
+    let (mut low, mut high) = (0.0, first);
+    while low < end {
+        let top = f64::min(high, end);
+        points.extend(nodes.map(|(t, w)| (low + 0.5 * (top - low) * (t + 1.0), 0.5 * w * (top - low))));
+        (low, high) = (top, 1.35 * top);
+    }
+    points
+}
+
+#[test]
+fn rehit_light_resolved_in_azimuth_has_the_share_that_the_facet_quadrature_gives() {
+    // Two computations: chains of closed-form reflections, and mode 0 of the facet quadrature.
+    for (sigma, tolerance) in [(3.0, 1e-6), (10.0, 1e-5)] {
+        let transport = Transport::alternating(1, 1.53, 1.43, 1.53, f64::to_radians(sigma));
+        let theta_i = degrees(&[80.0, 88.0, 89.9]);
+        let settings = Settings { reach: 7.0, density: 0.9, ..settings(64, 2) };
+        let solution = solve(&transport, Geometry::Space, &theta_i, &settings).unwrap();
+        let elevations = panels(1e-4, FRAC_PI_2);
+        let azimuths = panels(1e-6, PI);
+        let theta: Vec<f64> = elevations.iter().map(|(elevation, _)| FRAC_PI_2 - elevation).collect();
+        let phi: Vec<f64> = azimuths.iter().map(|(phi, _)| *phi).collect();
+        let basis = solution.basis(&theta, &phi);
+        for (i, lobe) in solution.lobes.iter().enumerate() {
+            let density = solution.rehit(i, &basis);
+            let mut share = 0.0;
+            for (f, (_, turn)) in azimuths.iter().enumerate() {
+                for (k, (_, rise)) in elevations.iter().enumerate() {
+                    share += 2.0 * turn * rise * theta[k].sin() * density[(k, f)];
+                }
+            }
+            assert!(
+                (share / lobe.rehit - 1.0).abs() < tolerance,
+                "σ = {sigma}°, {i}: {share} for {}",
+                lobe.rehit
+            );
+        }
+    }
+}
+
 // ---- an independent walk ------------------------------------------------------------------------------------------
 
 /// Pearson's statistic of the walk's exits against the solution, over cells of at least 25 expected paths.

@@ -3,6 +3,8 @@
 //! Statistical tests fix their seeds, so they pass or fail for ever; their bounds are five standard deviations
 //! (two-sided p = 6·10⁻⁷ each), so that the hundred of them together had a chance of 10⁻⁴ to fail by luck.
 
+#![allow(clippy::print_stderr)] // A skipped check says so.
+
 use bake_brdf::transport::{Facets, Geometry, Normals, Transport};
 use bake_brdf::walk::lanes::{Precision, SimdLevel, WalkError, Walker};
 use bake_brdf::walk::reference::{Estimator, Reference};

@@ -85,8 +85,8 @@ pub enum BsdfError {
     },
     /// A control asks for a part that the table does not have.
     #[error(
-        "{control}: is {value}, but the table has no section `spectra` (interference colours); bake it with \
-         `bake-brdf RECIPE -o FILE` from a recipe whose look.depth or look.coherence is above 0, or set {control} to 0"
+        "{control}: is {value}, but the table has no section `spectra` (interference colours), which this version of \
+         bake-brdf does not compute yet: set {control} to 0"
     )]
     NoSpectra {
         /// Name of the control.
@@ -100,7 +100,8 @@ pub enum BsdfError {
 }
 
 impl Controls {
-    /// The controls of the recipe in the table, defaults where it says nothing.
+    /// The controls of the recipe in the table, defaults where it says nothing. Depth and coherence are 0 for a table
+    /// without interference colours (section `spectra`).
     #[must_use]
     pub fn of(meta: &Meta) -> Self {
         let look = &meta.recipe["look"];
@@ -111,6 +112,10 @@ impl Controls {
         controls.coherence = number("coherence", controls.coherence);
         for (c, channel) in controls.body_rgb.iter_mut().enumerate() {
             *channel = look["body_rgb"][c].as_f64().unwrap_or(*channel);
+        }
+        if !meta.extra.contains_key("spectra") {
+            controls.depth = 0.0;
+            controls.coherence = 0.0;
         }
         controls
     }

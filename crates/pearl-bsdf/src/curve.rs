@@ -20,8 +20,8 @@ pub(crate) struct Place {
 impl Place {
     /// The place of an angle, by its cosine; clamped to [0, 1].
     #[inline]
+    #[allow(clippy::manual_clamp)] // `max` first turns a NaN into 0; `clamp` would keep it
     pub(crate) fn of_cos(cos: f64) -> Self {
-        // `max` first: it turns a NaN into 0.
         let u = (1.0 - cos.max(0.0).min(1.0).sqrt()).sqrt() * STEPS as f64;
         let index = (u as usize).min(STEPS - 1);
         Self { index, fraction: u - index as f64 }

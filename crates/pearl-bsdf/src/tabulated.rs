@@ -339,7 +339,7 @@ fn split(u: f64, first: f64, a: usize, b: usize) -> (usize, f64) {
 
 /// Position where the integral of a piecewise-linear density reaches the share u of its total.
 ///
-/// The density is u[k] at position k + ½, linear between, constant in the outer half cells; `cdf[k]` is its
+/// The density is u\[k\] at position k + ½, linear between, constant in the outer half cells; `cdf\[k\]` is its
 /// integral up to position k + ½.
 #[inline]
 fn invert(density: &[f64], cdf: &[f64], share: f64) -> f64 {

@@ -1,7 +1,7 @@
-//! Multilayer thin-film interference and its colour.
+//! Multilayer thin-film interference.
 //!
 //! [`Multilayer::solve`](wave::Multilayer::solve) gives r, t, R, T, A of one stack at one wavelength and angle, in every
-//! hard case; [`dense`] does many wavelengths and angles at once, fast; [`colour`] turns spectra into colours.
+//! hard case.
 #![doc = include_str!("conventions.md")]
 
 pub mod field;

@@ -255,7 +255,7 @@ fn complex_error(value: Complex64, ln_abs: f64, re: Decimal, im: Decimal) -> f64
         return (value - reference).norm() / reference.norm();
     }
     // Below f64: the value must be as small, and its logarithm right.
-    if !(value.norm() <= 1e-300) {
+    if value.norm().is_nan() || value.norm() > 1e-300 {
         return f64::INFINITY;
     }
     let ratio = (ln_re - larger).exp().hypot((ln_im - larger).exp());

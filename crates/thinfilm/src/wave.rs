@@ -10,7 +10,7 @@
 //!
 //! whose scaled entries never exceed 1 in size (times q); e^b goes into a binary exponent. sin δ/q and q sin δ are formed
 //! from sin δ/δ, so that a layer at its own critical angle (q = 0) is nothing special. Runs of many periods are
-//! doubled as scattering matrices ([`crate::scattering`]), O(log N).
+//! doubled as scattering matrices (`crate::scattering`), O(log N).
 
 use num_complex::Complex64;
 

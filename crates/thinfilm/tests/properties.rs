@@ -2,8 +2,8 @@
 
 use num_complex::Complex64;
 use proptest::prelude::*;
+use rand::SeedableRng as _;
 use rand::rngs::StdRng;
-use rand::{RngExt as _, SeedableRng as _};
 use rayon::prelude::*;
 use thinfilm::{Incidence, Layer, Multilayer, Polarisation, Response, Run};
 

@@ -25,6 +25,12 @@ pub(super) enum Fate {
     RefractedBack = 3,
 }
 
+impl Fate {
+    pub(super) fn is_reflected(self) -> bool {
+        matches!(self, Self::Reflected | Self::ReflectedBack)
+    }
+}
+
 pub(super) const FATES: [Fate; 4] =
     [Fate::Reflected, Fate::ReflectedBack, Fate::Refracted, Fate::RefractedBack];
 
@@ -264,7 +270,7 @@ impl Interface {
             _ => -(0.5 * theta).tan(),
         };
         let faces = c - x * s > 0.0;
-        (faces && x.abs() < (self.sampling.reach - 0.8) * self.facets.slope_sd).then_some(x)
+        (faces && x.abs() < (self.sampling.reach - 0.3) * self.facets.slope_sd).then_some(x)
     }
 
     /// Distance of rows q: the midpoint rule of a Gaussian times an oscillation of rate k (radians per slope) is
@@ -303,6 +309,7 @@ impl Interface {
     }
 
     /// (γ, Δφ) of the reflected and of the refracted ray.
+    #[allow(clippy::type_complexity)] // two rays of two angles
     fn directions(&self, theta: f64, slope: (f64, f64)) -> (Option<(f64, f64)>, Option<(f64, f64)>) {
         let angles = |d: [f64; 3]| (legendre_angle(2.0 * d[2].abs() - 1.0), d[1].atan2(d[0]));
         let (s, c) = theta.sin_cos();

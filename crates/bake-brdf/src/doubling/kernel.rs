@@ -8,7 +8,7 @@ use faer::{Accum, Mat, Par};
 use rayon::prelude::*;
 
 use super::facets::{Events, FATES, Fate, Interface, Outcomes, Part};
-use super::grid::{Grid, legendre};
+use super::grid::Grid;
 use crate::transport::Geometry;
 
 /// Facets of one block of a deposit: what stays in the cache together.
@@ -35,6 +35,8 @@ struct Scratch {
     events: Events,
     polynomials: Vec<f64>,
     cosines: Vec<f64>,
+    /// (P_k's argument + 1)/2.
+    halves: Vec<f64>,
 }
 
 /// Columns for rays at each `theta`.
@@ -58,14 +60,21 @@ fn plane_column(interface: &Interface, grid: &Grid, theta: f64, scratch: &mut Sc
     for (weight, angle) in reflected.weight.iter().zip(&reflected.argument) {
         add_powers(&mut powers, weight * scale, *angle);
     }
+    let Scratch { events, polynomials, halves, .. } = scratch;
     let deposits = FATES.map(|fate| {
-        let outcomes = &scratch.events.by_fate[fate as usize];
+        let outcomes = &events.by_fate[fate as usize];
         if outcomes.weight.is_empty() {
             return None;
         }
         let mut moments = Mat::<f64>::zeros(n, 2);
-        for (weight, &angle) in outcomes.weight.iter().zip(&outcomes.argument) {
-            legendre(grid.argument(angle), 2 * n, |k, p| moments[(k / 2, k % 2)] += weight * scale * p);
+        polynomials.resize(BLOCK * 2 * n, 0.0);
+        for (weight, angle) in outcomes.weight.chunks(BLOCK).zip(outcomes.argument.chunks(BLOCK)) {
+            halves.clear();
+            halves.extend(angle.iter().map(|angle| 0.5 * (grid.argument(*angle) + 1.0)));
+            fill_polynomials(weight, halves, 2 * n, polynomials);
+            for (k, column) in polynomials.chunks_exact(weight.len()).take(2 * n).enumerate() {
+                moments[(k / 2, k % 2)] += scale * column.iter().sum::<f64>();
+            }
         }
         Some(to_nodes(grid, &moments))
     });
@@ -105,61 +114,78 @@ fn space_column(
     scratch: &mut Scratch,
 ) -> Column {
     let mut deposits: [Option<Mat<f64>>; 4] = [const { None }; 4];
-    let poles = [Part::ReflectedOnly, Part::RefractedOnly].map(|part| interface.pole(theta, part));
-    scratch.events.clear();
+    let [reflected_pole, refracted_pole] =
+        [Part::ReflectedOnly, Part::RefractedOnly].map(|part| interface.pole(theta, part));
+    // One set of facets for mode 0 of both parts, so that their energy adds up, and for the reflected light. A pole
+    // disturbs modes from 2 on: those come from a polar rule.
     let mut plain = *interface;
-    // A pole disturbs modes from 2 on: those of its part come from a polar rule.
-    for (mode, pole) in plain.sampling.modes.iter_mut().zip(&poles) {
-        if pole.is_some() {
-            *mode = 0.0;
-        }
+    plain.sampling.modes[1] = 0.0;
+    if reflected_pole.is_some() {
+        plain.sampling.modes[0] = 0.0;
     }
+    scratch.events.clear();
     plain.rows(theta, Part::Both, &mut scratch.events);
-    let scale = 1.0 / scratch.events.total;
-    let mut powers = polar_angle_powers(&scratch.events, scale);
+    let mut powers = polar_angle_powers(&scratch.events);
+    let refracted_modes = if refracted_pole.is_some() { 2 } else { 1 };
+    let reflected_modes = if reflected_pole.is_some() { 2 } else { modes };
     for fate in FATES {
-        let part = usize::from(matches!(fate, Fate::Refracted | Fate::RefractedBack));
-        let count = if poles[part].is_some() { modes.min(2) } else { modes };
-        let outcomes = &scratch.events.by_fate[fate as usize];
-        deposits[fate as usize] =
-            deposit(outcomes, grid, 0, count, modes, scale, &mut scratch.polynomials, &mut scratch.cosines);
+        let count = if fate.is_reflected() { reflected_modes } else { refracted_modes };
+        add_deposit(&mut deposits, fate, grid, (0, count.min(modes)), modes, scratch);
     }
-    for (pole, part) in poles.into_iter().zip([Part::ReflectedOnly, Part::RefractedOnly]) {
-        let Some(pole) = pole else { continue };
+    if let Some(pole) = reflected_pole {
         scratch.events.clear();
-        interface.polar(theta, pole, part, &mut scratch.events);
-        let scale = 1.0 / scratch.events.total;
-        if part == Part::ReflectedOnly {
-            let polar = polar_angle_powers(&scratch.events, scale);
-            powers[1..].copy_from_slice(&polar[1..]);
+        interface.polar(theta, pole, Part::ReflectedOnly, &mut scratch.events);
+        powers[1..].copy_from_slice(&polar_angle_powers(&scratch.events)[1..]);
+        for fate in [Fate::Reflected, Fate::ReflectedBack] {
+            add_deposit(&mut deposits, fate, grid, (2, modes), modes, scratch);
         }
-        for fate in FATES {
-            let outcomes = &scratch.events.by_fate[fate as usize];
-            let high = deposit(
-                outcomes,
-                grid,
-                2,
-                modes,
-                modes,
-                scale,
-                &mut scratch.polynomials,
-                &mut scratch.cosines,
-            );
-            match (&mut deposits[fate as usize], high) {
-                (Some(all), Some(high)) => *all += high,
-                (none, high @ Some(_)) => *none = high,
-                (_, None) => {}
-            }
-        }
+    }
+    // The refracted ray turns by (n₁/n₂ − 1) of what the reflected one does: far fewer facets resolve it.
+    scratch.events.clear();
+    match refracted_pole {
+        Some(pole) => interface.polar(theta, pole, Part::RefractedOnly, &mut scratch.events),
+        None => interface.rows(theta, Part::RefractedOnly, &mut scratch.events),
+    }
+    for fate in [Fate::Refracted, Fate::RefractedBack] {
+        add_deposit(&mut deposits, fate, grid, (refracted_modes, modes), modes, scratch);
     }
     Column { deposits, reflected_powers: powers }
 }
 
-fn polar_angle_powers(events: &Events, scale: f64) -> [f64; 4] {
+/// Adds the modes `range` of one fate in the scratch's events to its deposit.
+fn add_deposit(
+    deposits: &mut [Option<Mat<f64>>; 4],
+    fate: Fate,
+    grid: &Grid,
+    range: (usize, usize),
+    modes: usize,
+    scratch: &mut Scratch,
+) {
+    let scale = 1.0 / scratch.events.total;
+    let outcomes = &scratch.events.by_fate[fate as usize];
+    let more = deposit(
+        outcomes,
+        grid,
+        range.0,
+        range.1,
+        modes,
+        scale,
+        &mut scratch.polynomials,
+        &mut scratch.cosines,
+    );
+    match (&mut deposits[fate as usize], more) {
+        (Some(all), Some(more)) => *all += more,
+        (none, more @ Some(_)) => *none = more,
+        (_, None) => {}
+    }
+}
+
+/// Σ w·θ'ᵏ of the light reflected away.
+fn polar_angle_powers(events: &Events) -> [f64; 4] {
     let reflected = &events.by_fate[Fate::Reflected as usize];
     let mut powers = [0.0; 4];
     for (k, weight) in reflected.weight.iter().enumerate() {
-        add_powers(&mut powers, weight * scale, reflected.sine[k].atan2(reflected.argument[k]));
+        add_powers(&mut powers, weight / events.total, reflected.sine[k].atan2(reflected.argument[k]));
     }
     powers
 }

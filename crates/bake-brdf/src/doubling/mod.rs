@@ -164,8 +164,8 @@ pub fn solve(
 
     let (ambient, first) = (transport.indices[0], transport.indices[1]);
     let mut sides = HashMap::new();
-    for (above, below) in std::iter::once((ambient, first)).chain(elements.iter().map(|e| (e.above, e.below)))
-    {
+    let cells = runs.iter().flat_map(|run| &elements[run.start..run.start + run.period]);
+    for (above, below) in std::iter::once((ambient, first)).chain(cells.map(|e| (e.above, e.below))) {
         if above.to_bits() != below.to_bits() || (above, below) == (ambient, first) {
             sides.entry(key(above, below)).or_insert_with(|| Sides {
                 first: above,

@@ -133,6 +133,7 @@ impl RehitLobe {
         let highest = (2.0 * HALF_PERIOD * sigma).min(FRAC_PI_2).sin();
         let range = (highest / cosine).ln_1p();
         let mut series = Mat::zeros(ROWS, TERMS);
+        let mut known: Option<(f64, Mat<f64>)> = None;
         for (row, t) in gauss_legendre(ROWS).nodes.iter().enumerate() {
             let exit = along((cosine * (0.5 * range * (t + 1.0)).exp_m1()).min(1.0));
             let last: Vec<Turn> = lobes
@@ -145,15 +146,15 @@ impl RehitLobe {
             }
             let half_period = half_period(sigma, (sine, cosine), exit);
             let base = PI / half_period;
-            let mut visits = visits(&first, &again, &weight, base);
+            if known.as_ref().is_none_or(|(at, _)| *at != base) {
+                known = Some((base, visits(&first, &again, &weight, base))); // wide rows share Φ = π
+            }
+            let Some((_, visits)) = &known else { continue };
             for (state, turn) in last.iter().enumerate() {
                 for (k, moment) in turn.moments(base).into_iter().enumerate() {
-                    visits[(state, k)] *= moment;
+                    let norm = if k == 0 { 0.5 } else { 1.0 } / half_period;
+                    series[(row, k)] += norm * visits[(state, k)] * moment;
                 }
-            }
-            for k in 0..TERMS {
-                let norm = if k == 0 { 0.5 } else { 1.0 } / half_period;
-                series[(row, k)] = norm * visits.col(k).sum();
             }
         }
         Some(Self { sine, cosine, sigma, series, range })

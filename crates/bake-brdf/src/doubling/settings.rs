@@ -15,8 +15,12 @@ const LARGEST_PLAN: f64 = 6.0 * (1u64 << 30) as f64;
 /// Longest time that the solver may plan for, seconds of one core.
 const LONGEST_PLAN: f64 = 3600.0;
 
-/// Floating-point operations a second and core behind [`Cost::seconds`]: what the solver reaches on an AVX-512 core.
-const OPERATIONS_A_SECOND: f64 = 2e10;
+/// Seconds of one AVX-512 core behind [`Cost::seconds`]: a floating-point operation in a matrix product, a Legendre
+/// term of a tilt, a facet in space, and the rehit lobe of one grazing incidence.
+const OPERATION: f64 = 6e-11;
+const PLANE_TERM: f64 = 2e-9;
+const FACET: f64 = 2e-7;
+const REHIT: f64 = 6e-3;
 
 /// Resolution of the solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,16 +111,16 @@ impl Settings {
         let narrowing =
             transport.indices.get(1).map_or(1.0, |first| (1.3 * transport.indices[0] / first).max(1.0));
         let more = (digits - 3.0).max(-2.0);
-        let nodes = narrowing * (172.0 + 25.0 * more) / sigma + 4.0 + 0.9 * more.max(0.0).powi(3);
-        let modes = narrowing * (62.0 + 13.0 * more) / sigma + 5.0 + 2.0 * more.max(0.0);
+        let nodes = narrowing * (186.0 + 25.0 * more) / sigma + 4.0 + 0.75 * more.max(0.0).powi(3);
+        let modes = narrowing * (69.0 + 13.0 * more) / sigma + 5.0 + 2.0 * more.max(0.0);
         let floor = if geometry == Geometry::Plane { 28.0 } else { 16.0 };
         // The plane's lobes have kinks that the azimuth smooths out in space.
-        let nodes = if geometry == Geometry::Plane { 1.15 * nodes } else { nodes };
+        let nodes = if geometry == Geometry::Plane { (1.15 - 0.03 * more) * nodes } else { nodes };
         Self {
             nodes: nodes.max(floor).ceil() as usize,
             modes: if geometry == Geometry::Plane { 2 } else { modes.max(8.0).ceil() as usize },
-            reach: (2.0 * digits * std::f64::consts::LN_10 + 16.0).sqrt().clamp(5.0, 8.0),
-            density: (0.7 + 0.05 * more).clamp(0.65, 1.0),
+            reach: (2.0 * digits * std::f64::consts::LN_10 + 20.0).sqrt().clamp(5.0, 8.0),
+            density: (0.7 + 0.1 * more).clamp(0.65, 1.0),
             both_sides: false,
         }
     }
@@ -127,8 +131,8 @@ impl Settings {
         Self {
             nodes: (0.8 * self.nodes as f64).floor().max(4.0) as usize,
             modes: (0.8 * self.modes as f64).floor().max(2.0) as usize, // the plane keeps its two
-            reach: 0.9 * self.reach,
-            density: 0.9 * self.density,
+            reach: 0.93 * self.reach,
+            density: 0.95 * self.density,
             both_sides: false,
         }
     }
@@ -149,19 +153,28 @@ impl Settings {
     #[must_use]
     pub fn cost(&self, transport: &Transport, geometry: Geometry, incidences: usize) -> Cost {
         let elements = elements(transport);
-        let pairs: HashSet<_> = elements.iter().map(|e| key(e.above, e.below)).collect();
-        let products: usize = runs(&elements).iter().map(super::stack::Run::products).sum();
+        let runs = runs(&elements);
+        let cells = runs.iter().flat_map(|run| &elements[run.start..run.start + run.period]);
+        let pairs: HashSet<_> = cells.map(|e| key(e.above, e.below)).collect();
+        let products: usize = runs.iter().map(super::stack::Run::products).sum();
         let (n, modes) = (self.nodes as f64, self.modes_in(geometry) as f64);
         let sigma = transport.facets.slope_sd;
         let line =
             2.0 * self.reach * sigma * (3.5 * n * self.density) / 6.3 + 0.3 * self.reach * self.reach + 8.0;
         let facets = if geometry == Geometry::Plane { line } else { 0.4 * line * line };
         let columns = 2.0 * n * (pairs.len() + 1) as f64 + incidences as f64;
-        let kernels = 4.0 * columns * facets * n * (modes + 12.0);
-        let adding = modes * n * n * n * (40.0 * (pairs.len() + 1) as f64 + 14.0 * products as f64);
+        // One multiply-add each for reflected and refracted light, and the facets' own arithmetic.
+        let kernels = match geometry {
+            Geometry::Plane => columns * facets * n * 4.0 * PLANE_TERM,
+            Geometry::Space => columns * facets * (1.6 * n * (modes + 12.0) * OPERATION + FACET),
+        };
+        let adding =
+            modes * n * n * n * (10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64) * OPERATION;
+        let grazing = (6.0 * sigma / FRAC_PI_2).min(1.0) * incidences as f64;
+        let rehit = if geometry == Geometry::Plane { 0.0 } else { grazing * REHIT };
         Cost {
             bytes: 8.0 * n * modes * (2.5 * columns + 3.0 * incidences as f64) + 200.0 * n * n * 8.0,
-            seconds: (kernels + adding) / OPERATIONS_A_SECOND,
+            seconds: kernels + adding + rehit,
         }
     }
 

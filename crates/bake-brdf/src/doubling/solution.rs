@@ -290,8 +290,8 @@ fn totals(
         raw[0] = single;
         for (k, moment) in raw.iter_mut().enumerate() {
             let mode = if grid.geometry == Geometry::Plane { &modes[k % 2] } else { &modes[0] };
-            for j in 0..grid.len() {
-                *moment += powers[k as usize][j] * (mode.interior[(j, i)] + mode.rehit[(j, i)]);
+            for (j, power) in powers[k].iter().enumerate() {
+                *moment += power * (mode.interior[(j, i)] + mode.rehit[(j, i)]);
             }
         }
         let rehit = modes[0].rehit.col(i).sum();

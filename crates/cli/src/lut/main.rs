@@ -101,7 +101,7 @@ fn read(path: &Path) -> Result<Table, Stop> {
     exr_file::read(path).map_err(stop)
 }
 
-fn read_lobe(path: &PathBuf) -> Result<Interpolant, Stop> {
+fn read_lobe(path: &Path) -> Result<Interpolant, Stop> {
     read(path).map(Interpolant::new)
 }
 

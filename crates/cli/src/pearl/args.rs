@@ -61,7 +61,7 @@ pub(crate) enum Command {
 pub(crate) struct EvalArgs {
     #[command(flatten)]
     pub(crate) pearl: Pearl,
-    /// JSON lines {"wi":[x,y,z],"wo":[x,y,z]}, directions of any length but 0; - reads stdin.
+    /// JSON lines `{"wi":[x,y,z],"wo":[x,y,z]}`, directions of any length but 0; - reads stdin.
     #[arg(long, value_name = "FILE")]
     pub(crate) input: PathBuf,
 }
