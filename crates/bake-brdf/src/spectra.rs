@@ -16,8 +16,8 @@ use crate::transport::Transport;
 use lut_io::spectra::Spectra;
 use rayon::prelude::*;
 use thinfilm::{
-    Gain, Incidence, Layer, Material, MaterialError, Multilayer, Polarisation, Run, Stack, StackError, StackLayer,
-    StackRun, WaveError,
+    Gain, Incidence, Layer, Material, MaterialError, Multilayer, Polarisation, Run, Stack, StackError,
+    StackLayer, StackRun, WaveError,
 };
 
 /// Range and number of bands.
@@ -123,20 +123,20 @@ impl Members {
 
     fn at(&self, theta: f64, transport: &Transport) -> Result<Angle, SpectraError> {
         let incoherent = incoherent_reflectance(transport, theta);
-        let (nm, reflectance) = self.spectrum(self.reflectance_per_band, &self.stacks, |stack, metres, pol| {
-            Ok(stack.solve(metres, Incidence::Angle(theta), pol)?.reflectance)
-        })?;
+        let (nm, reflectance) =
+            self.spectrum(self.reflectance_per_band, &self.stacks, |stack, metres, pol| {
+                Ok(stack.solve(metres, Incidence::Angle(theta), pol)?.reflectance)
+            })?;
         let most = 1.0 / incoherent;
-        let modulation: Vec<f64> =
-            reflectance.iter().map(|r| (r / incoherent).clamp(0.0, most)).collect();
+        let modulation: Vec<f64> = reflectance.iter().map(|r| (r / incoherent).clamp(0.0, most)).collect();
         let emitters = &self.stacks[..self.stacks.len().min(FIELD_MEMBERS)];
-        let (emission_nm, emission) = self.spectrum(self.field_per_band, emitters, |stack, metres, pol| {
-            Ok(stack.field(metres, Incidence::Angle(theta), pol)?.integrals().iter().sum())
-        })?;
+        let (emission_nm, emission) =
+            self.spectrum(self.field_per_band, emitters, |stack, metres, pol| {
+                Ok(stack.field(metres, Incidence::Angle(theta), pol)?.integrals().iter().sum())
+            })?;
         let mean = emission.iter().sum::<f64>() / emission.len() as f64;
         // 1/cos θ drops out of the unit mean. Without layers to emit there is no hue either.
-        let illuminant: Vec<f64> =
-            emission.iter().map(|e| if mean > 0.0 { e / mean } else { 1.0 }).collect();
+        let illuminant: Vec<f64> = emission.iter().map(|e| if mean > 0.0 { e / mean } else { 1.0 }).collect();
         Ok(Angle {
             modulation_rgb: cie::linear_srgb(&nm, &modulation).map(|c| c.clamp(0.0, most)),
             illuminant_rgb: cie::linear_srgb(&emission_nm, &illuminant).map(|c| c.max(0.0)),
@@ -182,7 +182,8 @@ fn stack(recipe: &Recipe) -> Stack {
     let count = source.layer_count();
     let resolved = source.layers_resolved();
     if source.explicit.is_none() && count >= 2 {
-        let layer = |i: usize| (resolved[i].material.clone(), resolved[i].thickness, resolved[i].thickness_sd);
+        let layer =
+            |i: usize| (resolved[i].material.clone(), resolved[i].thickness, resolved[i].thickness_sd);
         let irregular = resolved[0].thickness_sd > 0.0 || resolved[1].thickness_sd > 0.0;
         let count = if irregular { count.min(DEEPEST) } else { count };
         debug_assert!(matches!(source.count, Count::Layers | Count::Pairs));

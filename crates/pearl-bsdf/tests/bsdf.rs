@@ -176,8 +176,9 @@ fn the_blur_is_the_table_read_by_its_own_rule() {
             let (alpha, phi) = (TAU * random.random::<f64>(), PI * random.random::<f64>());
             let value = bsdf.eval(direction(theta_i, alpha), direction(theta_o, alpha + PI + phi)).blur[0];
             let expected = lobe.eval(Component::Interior, theta_i, theta_o, phi);
-            // Corrections are kept at 32 steps of every span here.
-            assert!((value - expected).abs() < 1e-4 * expected + 1e-6, "{theta_i} {theta_o} {phi}: {value} {expected}");
+            // Both keep the correction at steps and read it along chords, which lut_io lets miss by 3e-4.
+            let tolerance = 3e-4 * expected + 1e-6;
+            assert!((value - expected).abs() < tolerance, "{theta_i} {theta_o} {phi}: {value} {expected}");
         }
     }
 }
@@ -189,7 +190,7 @@ fn integral_of_pdf(bsdf: &PearlBsdf, theta_i: f64) -> f64 {
         let reach = (room / width).asinh();
         (width * (u * reach).sinh(), width * reach * (u * reach).cosh())
     };
-    let (n, m) = (1600, 60);
+    let (n, m) = (900, 220);
     let mut sum = 0.0;
     for side in [-1.0, 1.0] {
         let room = if side > 0.0 { FRAC_PI_2 - theta_i } else { theta_i };
@@ -233,7 +234,11 @@ fn samples_have_the_stated_density() {
             let bsdf = bsdf(&table, controls);
             for degrees in [0.0, 5.0, 30.0, 60.0, 80.0, 85.0, 89.0f64] {
                 let deviate = chi2_deviate(&bsdf, degrees.to_radians(), &mut random);
-                assert!(deviate < LIMIT, "{degrees} {:?}: {deviate} standard deviations", controls.components);
+                assert!(
+                    deviate < LIMIT,
+                    "{degrees} {:?}: {deviate} standard deviations",
+                    controls.components
+                );
             }
         }
     }
@@ -247,9 +252,8 @@ fn chi2_deviate(bsdf: &PearlBsdf, theta_i: f64, random: &mut StdRng) -> f64 {
     let mut theta_edges: Vec<f64> = (0..=rows / 2)
         .map(|i| theta_i - warp(1.0 - 2.0 * i as f64 / rows as f64, theta_i.max(1e-6)))
         .collect();
-    theta_edges.extend(
-        (1..=rows / 2).map(|i| theta_i + warp(2.0 * i as f64 / rows as f64, FRAC_PI_2 - theta_i)),
-    );
+    theta_edges
+        .extend((1..=rows / 2).map(|i| theta_i + warp(2.0 * i as f64 / rows as f64, FRAC_PI_2 - theta_i)));
     let phi_edges: Vec<f64> = (0..=columns).map(|j| warp(j as f64 / columns as f64, PI)).collect();
     let mut observed = vec![0.0; rows * columns];
     let mut lost = 0.0;
@@ -333,8 +337,18 @@ fn nothing_is_nan_at_poles_horizons_and_ends_of_the_unit_interval() {
     let tiny = f64::MIN_POSITIVE / 8.0;
     let grazing = (1.0 - 1e-24f64).sqrt();
     let directions: Vec<Direction> = vec![
-        [0.0, 0.0, 1.0], [1e-200, 0.0, 1.0], [1e-9, -1e-9, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [grazing, 0.0, 1e-12],
-        [-1.0, 0.0, tiny], [0.0, 1.0, tiny], [0.6, 0.0, 0.8], [-0.6, 0.0, 0.8], [f64::NAN, 0.0, 1.0], [0.0, 0.0, f64::INFINITY],
+        [0.0, 0.0, 1.0],
+        [1e-200, 0.0, 1.0],
+        [1e-9, -1e-9, 1.0],
+        [0.0, 0.0, -1.0],
+        [1.0, 0.0, 0.0],
+        [grazing, 0.0, 1e-12],
+        [-1.0, 0.0, tiny],
+        [0.0, 1.0, tiny],
+        [0.6, 0.0, 0.8],
+        [-0.6, 0.0, 0.8],
+        [f64::NAN, 0.0, 1.0],
+        [0.0, 0.0, f64::INFINITY],
     ];
     let ends = [0.0, tiny, 0.5, 1.0 - f64::EPSILON];
     for (sigma, normals) in [(0.0, "unweighted"), (0.035, "visible"), (0.7, "unweighted"), (0.7, "visible")] {
@@ -354,7 +368,9 @@ fn nothing_is_nan_at_poles_horizons_and_ends_of_the_unit_interval() {
                     }
                     assert!(bsdf.eval_at(*wi, *wo, 555.0).iter().all(|x| x.is_finite()));
                 }
-                for (u, v, w) in ends.iter().flat_map(|u| ends.iter().flat_map(move |v| ends.map(|w| (*u, *v, w)))) {
+                for (u, v, w) in
+                    ends.iter().flat_map(|u| ends.iter().flat_map(move |v| ends.map(|w| (*u, *v, w))))
+                {
                     if let Some(sample) = bsdf.sample(*wi, u, v, w) {
                         let length: f64 = sample.wo.iter().map(|x| x * x).sum();
                         assert!((length - 1.0).abs() < 1e-9 && sample.wo[2] > 0.0, "{wi:?}: {sample:?}");
@@ -417,7 +433,10 @@ fn at_band_centres_the_spectral_value_is_the_band() {
 fn controls_that_cannot_be_met_say_what_would_help() {
     let table = specimen::plane(&[0.0, 45.0, 90.0], 16);
     let error = PearlBsdf::from_table(table.clone(), Controls::default()).unwrap_err();
-    assert!(matches!(error, BsdfError::NoSpectra { control: "depth", .. }) && error.to_string().contains("bake-brdf"));
+    assert!(
+        matches!(error, BsdfError::NoSpectra { control: "depth", .. })
+            && error.to_string().contains("bake-brdf")
+    );
     let controls = Controls { brightness: 1.5, depth: 0.0, coherence: 0.0, ..Controls::default() };
     let error = PearlBsdf::from_table(table, controls).unwrap_err().to_string();
     assert!(error.starts_with("brightness: 1.5") && !error.contains('\n'), "{error}");
