@@ -3,6 +3,7 @@
 pub mod bake;
 pub mod doubling;
 pub mod recipe;
+pub mod spectra;
 pub mod study;
 pub mod tally;
 pub mod transport;

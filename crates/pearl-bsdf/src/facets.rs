@@ -78,7 +78,12 @@ impl Facets {
     /// f·cos θo short of the factor that depends on θi alone: P(m)·F/(4 wi·m), times wi·m/m_z for visible facets.
     #[inline]
     pub(crate) fn reflection(&self, half: &Half) -> f64 {
-        let density = self.slope_density(half.p) * self.slope_density(half.q) / (half.z * half.z * half.z);
+        let slopes = self.slope_density(half.p) * self.slope_density(half.q);
+        if slopes <= 0.0 {
+            // No such facets; at the horizon half.z may be 0 as well.
+            return 0.0;
+        }
+        let density = slopes / (half.z * half.z * half.z);
         let fresnel = self.fresnel(half.cos);
         if self.visible { 0.25 * density * fresnel / half.z } else { 0.25 * density * fresnel / half.cos }
     }
@@ -112,15 +117,16 @@ impl Facets {
     #[inline]
     pub(crate) fn pdf(&self, wi: Direction, half: &Half) -> f64 {
         let (cos_i, sin_i) = (wi[2], (1.0 - wi[2] * wi[2]).max(0.0).sqrt());
-        let kept = self.kept(-1.0 / cos_i, 1.0 / cos_i) * {
-            let limits = limits(cos_i, sin_i, half.q);
-            self.kept(limits.lo, limits.hi)
-        };
+        let slopes = self.slope_density(half.p) * self.slope_density(half.q);
+        if slopes <= 0.0 {
+            return 0.0;
+        }
+        let limits = limits(cos_i, sin_i, half.q);
+        let kept = self.kept(-1.0 / cos_i, 1.0 / cos_i) * self.kept(limits.lo, limits.hi);
         if kept <= 0.0 {
             return 0.0;
         }
-        let slopes = self.slope_density(half.p) * self.slope_density(half.q) / kept;
-        slopes / (4.0 * half.cos * half.z * half.z * half.z)
+        slopes / (kept * 4.0 * half.cos * half.z * half.z * half.z)
     }
 
     /// A direction above the horizon: slopes from the normal distribution cut to the disc of the module's head.

@@ -41,7 +41,7 @@ pub(crate) struct Tabulated {
 }
 
 /// Steps of a span at which corrections are known.
-const SPAN_STEPS: usize = 16;
+const SPAN_STEPS: usize = 64;
 
 /// Piecewise-linear densities of one component, every incidence.
 #[derive(Clone, Debug)]
