@@ -135,6 +135,10 @@ def test_counts_are_the_paths_that_were_reflected(channels, info):
 # A reader written from docs/LUT-FORMAT.md alone, with nothing of ours.
 
 
+def withdrawal(room, width):
+    return np.hypot(room, width) - room
+
+
 def stretched(lo, centre, hi, width, cells):
     """Position (in cells) of a coordinate on the axis of §3."""
 
@@ -162,15 +166,15 @@ def by_documentation(meta, channels, component, theta_i, theta_o, phi):
     ti, to, phi = np.radians([theta_i, theta_o, phi])
     half = np.pi / 2
     if axis["kind"] == "plane":
-        position = stretched(-half, min(ti, half - w), half, w, axis["cells"])
+        position = stretched(-half, ti - withdrawal(half - ti, w) + withdrawal(half + ti, w), half, w, axis["cells"])
         width = np.radians(meta["per_incidence"][i]["azimuth_width_deg"])
         x = np.sin(ti) * np.sin(to) / width**2
         e = lambda phi: np.exp((np.cos(phi) - 1) * x)
         d = (e(phi) - e(np.pi)) / (1 - e(np.pi)) if x > 1e-6 else 0.5 * (1 + np.cos(phi))
         return linear(values[0], position(to)) * d + linear(values[0], position(-to)) * (1 - d)
-    centre = min(max(ti, w), half - w)
+    centre = ti - withdrawal(half - ti, w) + withdrawal(ti, w)
     column = stretched(0, centre, half, w, axis["theta_cells"])(to)
-    row = stretched(0, 0, np.pi, w / np.sin(centre), axis["phi_cells"])(phi)
+    row = stretched(0, 0, np.pi, w / np.tan(centre), axis["phi_cells"])(phi)
     return linear([linear(cells, column) for cells in values], row)
 
 
