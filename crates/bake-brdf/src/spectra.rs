@@ -40,7 +40,7 @@ const FIELD_MEMBERS: usize = 4;
 /// Deepest part of a stack that waves are followed in one layer at a time.
 const DEEPEST: usize = 20_000;
 /// Names the ensemble.
-const SEED: u64 = 0x7065_6172_6c;
+const SEED: u64 = 0x70_6561_726c;
 
 /// Why a recipe has no colours.
 #[derive(Debug, thiserror::Error)]

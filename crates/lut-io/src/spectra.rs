@@ -189,6 +189,7 @@ mod tests {
 
     #[test]
     fn every_flaw_is_refused_with_its_field() {
+        #[allow(clippy::type_complexity)] // a list of named breakages
         let breaks: [(&str, fn(&mut Spectra)); 8] = [
             ("wavelength_nm", |s| s.wavelength_nm.clear()),
             ("wavelength_nm[1]", |s| s.wavelength_nm[1] = 450.0),

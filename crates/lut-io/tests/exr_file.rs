@@ -128,7 +128,10 @@ fn every_character_of_a_recipe_survives_and_the_file_stays_ascii() {
 #[test]
 fn further_sections_of_the_metadata_survive() {
     let mut table = plane();
-    table.meta.extra.insert("provenance".to_owned(), serde_json::json!({"version": 1, "nm": [400.5, 700.25]}));
+    table
+        .meta
+        .extra
+        .insert("provenance".to_owned(), serde_json::json!({"version": 1, "nm": [400.5, 700.25]}));
     assert_eq!(decode(&encode(&table).unwrap()).unwrap(), table);
 }
 
