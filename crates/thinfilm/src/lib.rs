@@ -4,6 +4,7 @@
 //! hard case; [`dense`] does many wavelengths and angles at once, fast; [`colour`] turns spectra into colours.
 #![doc = include_str!("conventions.md")]
 
+pub mod dense;
 pub mod field;
 pub mod material;
 mod scaled;
