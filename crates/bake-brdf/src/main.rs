@@ -1,3 +1,7 @@
-//! The `bake-brdf` tool.
+//! The `bake-brdf` tool: recipes in, pearl tables out.
 
-fn main() {}
+mod cli;
+
+fn main() -> std::process::ExitCode {
+    terminal::main(cli::run)
+}

@@ -155,36 +155,39 @@ impl ExitAxis {
     }
 
     /// The column axis of the row at incidence `theta_i` (radians): signed s in the plane, θo in space.
+    ///
+    /// Cells are finest at the mirror direction, less a smooth withdrawal h(a) = √(a² + w²) − a from an end of the
+    /// interval at distance a, so that both sides keep room: about w at grazing incidence, w²/2a away from it. (A
+    /// plain clamp has a corner, at which rows cannot be read between.)
     #[must_use]
     pub fn columns_at(&self, theta_i: f64) -> Stretched {
-        match *self {
-            Self::Plane { cells, width } => Stretched {
-                lo: -FRAC_PI_2,
-                centre: theta_i.min(FRAC_PI_2 - width),
-                hi: FRAC_PI_2,
-                width,
-                cells,
-            },
-            Self::Space { theta_cells, width, .. } => Stretched {
-                lo: 0.0,
-                centre: theta_i.clamp(width, FRAC_PI_2 - width),
-                hi: FRAC_PI_2,
-                width,
-                cells: theta_cells,
-            },
-        }
+        let width = self.width();
+        let withdrawal = |room: f64| room.hypot(width) - room;
+        let below_horizon = withdrawal(FRAC_PI_2 - theta_i);
+        let (lo, cells, from_lo) = match *self {
+            Self::Plane { cells, .. } => (-FRAC_PI_2, cells, withdrawal(FRAC_PI_2 + theta_i)),
+            Self::Space { theta_cells, .. } => (0.0, theta_cells, withdrawal(theta_i)),
+        };
+        Stretched { lo, centre: theta_i - below_horizon + from_lo, hi: FRAC_PI_2, width, cells }
     }
 
     /// The φ axis at incidence `theta_i` (radians), one-sided over [0, π]; `None` for plane tables.
     ///
-    /// Its width is w / sin(centre): the same arc on the sphere as the column axis.
+    /// Its width is w·cot(centre): facets tilted out of the plane of incidence by w turn a mirror reflection by that
+    /// much, less and less towards grazing incidence.
     #[must_use]
     pub fn phi_at(&self, theta_i: f64) -> Option<Stretched> {
         match *self {
             Self::Plane { .. } => None,
             Self::Space { phi_cells, width, .. } => {
                 let centre = self.columns_at(theta_i).centre;
-                Some(Stretched { lo: 0.0, centre: 0.0, hi: PI, width: width / centre.sin(), cells: phi_cells })
+                Some(Stretched {
+                    lo: 0.0,
+                    centre: 0.0,
+                    hi: PI,
+                    width: width / centre.tan(),
+                    cells: phi_cells,
+                })
             }
         }
     }
@@ -197,7 +200,7 @@ mod tests {
     fn axes() -> Vec<Stretched> {
         let mut axes = Vec::new();
         for width in [1e-7, 1e-4, 0.07, MAX_WIDTH] {
-            for theta_i in [0.0, 1e-9, 0.5, 1.2, 1.5707, FRAC_PI_2] {
+            for theta_i in [0.0, 1e-9, 0.5, 1.2, 1.5706, FRAC_PI_2] {
                 axes.push(ExitAxis::Plane { cells: 96, width }.columns_at(theta_i));
                 let space = ExitAxis::Space { theta_cells: 64, phi_cells: 24, width };
                 axes.push(space.columns_at(theta_i));

@@ -5,8 +5,6 @@
 //! plane density is then even. From the plane density p(s | θi) with total A:
 //! f cos θo = A·g/∫g dω, g = p(+θo)·D + p(−θo)·(1 − D).
 
-use std::f64::consts::TAU;
-
 /// The concentration x = sin θi·sin θo / w² of the decay.
 #[must_use]
 pub fn concentration(theta_i: f64, theta_o: f64, width: f64) -> f64 {
@@ -47,24 +45,89 @@ pub fn mean_decay(x: f64) -> f64 {
     (scaled_bessel_i0(x) - e2) / (1.0 - e2)
 }
 
-/// e^{−x}·I₀(x) by the trapezoidal rule on its integral, which converges exponentially for a periodic
-/// integrand; the number of nodes follows the width 1/√x of the peak. Relative error below 1e-14.
+/// e^{−x}·I₀(x), x ≥ 0, relative error below 1e-15.
+///
+/// Chebyshev series on [0, 8] and, for √x·e^{−x}·I₀(x), in 16/x − 1 beyond (the split of Clenshaw 1962 and of
+/// Cephes' `i0e`); the coefficients were computed to 40 digits from I₀ itself.
 #[must_use]
 pub fn scaled_bessel_i0(x: f64) -> f64 {
-    if x > 700.0 {
-        // Asymptotic series (Abramowitz & Stegun 9.7.1), terms (1·9·25…)/(n!(8x)^n).
-        let (mut term, mut sum) = (1.0, 1.0);
-        for n in 1..9 {
-            let n = f64::from(n);
-            term *= (2.0 * n - 1.0).powi(2) / (n * 8.0 * x);
-            sum += term;
-        }
-        return sum / (TAU * x).sqrt();
+    if x <= 8.0 {
+        return chebyshev(&I0_NEAR, 0.25 * x - 1.0);
     }
-    let nodes = 32 + 8 * (x.sqrt() as usize + 1);
-    let sum: f64 = (0..nodes).map(|i| (x * ((TAU * i as f64 / nodes as f64).cos() - 1.0)).exp()).sum();
-    sum / nodes as f64
+    chebyshev(&I0_FAR, 16.0 / x - 1.0) / x.sqrt()
 }
+
+/// ½c₀ + Σ cₙTₙ(y) by Clenshaw's recurrence.
+fn chebyshev(coefficients: &[f64], y: f64) -> f64 {
+    let (mut b1, mut b2) = (0.0, 0.0);
+    for &c in coefficients[1..].iter().rev() {
+        (b1, b2) = (2.0 * y * b1 - b2 + c, b1);
+    }
+    y * b1 - b2 + 0.5 * coefficients[0]
+}
+
+#[rustfmt::skip]
+const I0_NEAR: [f64; 30] = [
+    0.676795274409476085,
+    -0.304682672343198399,
+    0.171620901522208775,
+    -0.0949010970480476444,
+    0.0493052842396707085,
+    -0.0237374148058994688,
+    0.0105464603945949983,
+    -0.00432430999505057594,
+    0.0016394756169413358,
+    -0.000576375574538582366,
+    0.000188502885095841656,
+    -0.000057541950100821037,
+    0.0000164484480707288971,
+    -4.41673835845875056e-6,
+    1.11738753912010372e-6,
+    -2.67079385394061173e-7,
+    6.04699502254191895e-8,
+    -1.30002500998624804e-8,
+    2.65982372468238665e-9,
+    -5.18979560163526291e-10,
+    9.67580903537323691e-11,
+    -1.72682629144155571e-11,
+    2.95505266312963983e-12,
+    -4.85644678311192946e-13,
+    7.67618549860493562e-14,
+    -1.16853328779934517e-14,
+    1.71539128555513303e-15,
+    -2.43127984654795469e-16,
+    3.3307945188222381e-17,
+    -4.41534164647933938e-18,
+];
+
+#[rustfmt::skip]
+const I0_FAR: [f64; 25] = [
+    0.804490411014108832,
+    0.00336911647825569409,
+    0.0000688975834691682398,
+    2.89137052083475648e-6,
+    2.04891858946906374e-7,
+    2.26666899049817806e-8,
+    3.39623202570838635e-9,
+    4.94060238822496959e-10,
+    1.18891471078464383e-11,
+    -3.14991652796324136e-11,
+    -1.32158118404477131e-11,
+    -1.79417853150680612e-12,
+    7.18012445138366623e-13,
+    3.8527783827421427e-13,
+    1.54008621752140983e-14,
+    -4.15056934728722209e-14,
+    -9.55484669882830765e-15,
+    3.81168066935262242e-15,
+    1.77256013305652638e-15,
+    -3.42548561967721913e-16,
+    -2.82762398051658348e-16,
+    3.46122286769746109e-17,
+    4.46562142029676e-17,
+    -4.83050448594418207e-18,
+    -7.23318048788475395e-18,
+];
 
 #[cfg(test)]
 mod tests {
@@ -91,7 +154,8 @@ mod tests {
         for x in [0.0, 1e-12, 1e-6, 0.01, 0.0999, 0.1001, 1.0, 17.0, 300.0, 699.0, 701.0, 5e3] {
             let n = 20_000;
             let mean =
-                (0..n).map(|i| decay(x, (PI * (f64::from(i) + 0.5) / f64::from(n)).cos())).sum::<f64>() / f64::from(n);
+                (0..n).map(|i| decay(x, (PI * (f64::from(i) + 0.5) / f64::from(n)).cos())).sum::<f64>()
+                    / f64::from(n);
             assert!((mean_decay(x) / mean - 1.0).abs() < 1e-9, "{x}: {} {mean}", mean_decay(x));
         }
     }

@@ -1,8 +1,23 @@
 //! The pearl table (`pearl-lut/1`): one OpenEXR file that holds the light a nacre stack sends back.
 //!
-//! [`axis`] says which directions a row's cells cover, [`decay`] is the azimuth postulate, [`table`] is the
-//! table in memory. The file's layout is documented in `docs/LUT-FORMAT.md`.
+//! [`axis`] says which directions a row's cells cover, [`measure`] how much direction a cell stands for,
+//! [`decay`] is the azimuth postulate, [`table`] is the table in memory, [`lobe`] reads it at any pair of
+//! directions, [`spectra`] holds the colours of interference, [`exr_file`] is the file. [`slice`](mod@slice), [`check`] and [`diff`] are what the tool `lut` shows. The file's layout is documented in `docs/LUT-FORMAT.md`.
 
+pub mod atomic;
 pub mod axis;
+pub mod check;
 pub mod decay;
+pub mod diff;
+pub mod error;
+pub mod exr_file;
+pub mod lobe;
+pub mod measure;
+pub mod monotone;
+pub mod profile;
+pub mod slice;
+pub mod spectra;
 pub mod table;
+
+pub use error::{Flaw, LutError};
+pub use table::Table;

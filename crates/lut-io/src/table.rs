@@ -1,6 +1,8 @@
 //! The table in memory: metadata and channels.
 
-use crate::axis::ExitAxis;
+use crate::axis::{self, ExitAxis};
+use crate::error::Flaw;
+use crate::spectra::Spectra;
 use serde::{Deserialize, Serialize};
 
 /// Schema name this crate writes; a reader refuses a newer major version.
@@ -165,10 +167,248 @@ pub struct Lobe {
     pub count: Vec<f32>,
 }
 
+/// Most cells a table may have (incidences · φ cells · columns): 13 channels of it are 1.7 GB.
+pub const MAX_CELLS: usize = 1 << 25;
+/// Most cells along one axis, and most incidences.
+pub const MAX_AXIS_CELLS: usize = 1 << 16;
+
+/// One of the three tabulated parts of the lobe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Component {
+    /// Light that entered the stack and came back.
+    Interior,
+    /// Light reflected by interface 0 alone.
+    Surface,
+    /// The part of `Surface` that met interface 0 more than once.
+    Rehit,
+}
+
+impl Component {
+    /// All components, in the order of the enum's discriminants.
+    pub const ALL: [Self; 3] = [Self::Interior, Self::Surface, Self::Rehit];
+
+    /// Name of the component's channel in the file.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Interior => "interior",
+            Self::Surface => "surface",
+            Self::Rehit => "rehit",
+        }
+    }
+}
+
+impl IncidenceSummary {
+    /// Share of the incident light that leaves as this component.
+    #[must_use]
+    pub fn share(&self, component: Component) -> f64 {
+        match component {
+            Component::Interior => (self.albedo - self.surface).max(0.0),
+            Component::Surface => self.surface,
+            Component::Rehit => self.rehit,
+        }
+    }
+}
+
+impl Meta {
+    /// Checks everything the metadata promise by themselves: schema, axis, incidences, ranges of shares.
+    ///
+    /// # Errors
+    /// The first flaw found.
+    pub fn validate(&self) -> Result<(), Flaw> {
+        check_schema(&self.schema)?;
+        self.check_axis()?;
+        self.check_incidences()?;
+        let positive = |field: &str, value: f64| check(field, value, value > 0.0, "a positive number");
+        let share = |field: &str, value: f64| check(field, value, value >= 0.0, "a number ≥ 0");
+        positive("wavelength_nm", self.wavelength_nm)?;
+        positive("surface_model.n_ambient", self.surface_model.n_ambient)?;
+        positive("surface_model.n_first", self.surface_model.n_first)?;
+        share("surface_model.slope_sd", self.surface_model.slope_sd)?;
+        if !["unweighted", "visible"].contains(&self.surface_model.normals.as_str()) {
+            let found = &self.surface_model.normals;
+            return Err(Flaw::new(
+                "surface_model.normals",
+                format!("is {found:?}, expected unweighted or visible"),
+            ));
+        }
+        if let Some(asked) = self.accuracy.asked_percent {
+            positive("accuracy.asked_percent", asked)?;
+        }
+        share("accuracy.reached_percent", self.accuracy.reached_percent)?;
+        share("accuracy.worst_theta_i_deg", self.accuracy.worst_theta_i_deg)?;
+        share("accuracy.interpolation_percent", self.accuracy.interpolation_percent)?;
+        Spectra::of(self).map(|_| ())
+    }
+
+    fn check_axis(&self) -> Result<(), Flaw> {
+        let axis = &self.exit_axis;
+        match (self.azimuth, axis) {
+            (AzimuthMode::Decay, ExitAxis::Plane { .. }) | (AzimuthMode::Walk, ExitAxis::Space { .. }) => {}
+            (azimuth, _) => {
+                let problem =
+                    format!("does not fit azimuth {azimuth:?}: decay goes with plane, walk with space");
+                return Err(Flaw::new("exit_axis.kind", problem));
+            }
+        }
+        let width = axis.width();
+        let in_range = (axis::MIN_WIDTH..=axis::MAX_WIDTH).contains(&width);
+        check("exit_axis.width", width, in_range, "1e-7 to π/6 radians")?;
+        let columns = axis.columns();
+        if columns < 2 || columns % 2 == 1 || columns > MAX_AXIS_CELLS {
+            let problem = format!("is {columns}, expected an even number from 2 to {MAX_AXIS_CELLS}");
+            return Err(Flaw::new("exit_axis cells", problem));
+        }
+        let rows = axis.rows_per_incidence();
+        if rows == 0 || rows > MAX_AXIS_CELLS || (self.azimuth == AzimuthMode::Walk && rows < 2) {
+            let problem = format!("is {rows}, expected 2 to {MAX_AXIS_CELLS}");
+            return Err(Flaw::new("exit_axis.phi_cells", problem));
+        }
+        Ok(())
+    }
+
+    fn check_incidences(&self) -> Result<(), Flaw> {
+        let count = self.per_incidence.len();
+        if count == 0 || count > MAX_AXIS_CELLS {
+            let problem = format!("has {count} entries, expected 1 to {MAX_AXIS_CELLS}");
+            return Err(Flaw::new("per_incidence", problem));
+        }
+        // No overflow: each factor is at most 2^16, and usize has 64 bits where tables of this size exist.
+        let cells = count
+            .saturating_mul(self.exit_axis.columns())
+            .saturating_mul(self.exit_axis.rows_per_incidence());
+        if cells > MAX_CELLS {
+            let problem =
+                format!("times the cells of exit_axis is {cells} cells, expected at most {MAX_CELLS}");
+            return Err(Flaw::new("per_incidence", problem));
+        }
+        let mut previous = f64::NEG_INFINITY;
+        for (i, summary) in self.per_incidence.iter().enumerate() {
+            let at = |name: &str| format!("per_incidence[{i}].{name}");
+            let theta = summary.theta_i_deg;
+            check(&at("theta_i_deg"), theta, (0.0..=90.0).contains(&theta), "0 to 90")?;
+            check(&at("theta_i_deg"), theta, theta > previous, "more than the entry before it")?;
+            previous = theta;
+            summary.validate(self.azimuth).map_err(|flaw| Flaw::new(at(&flaw.field), flaw.problem))?;
+        }
+        Ok(())
+    }
+}
+
+impl IncidenceSummary {
+    fn validate(&self, azimuth: AzimuthMode) -> Result<(), Flaw> {
+        // Shares are sums of many roundings; beyond 1e-6 it is not rounding any more.
+        let shares = [
+            ("albedo", self.albedo),
+            ("transmitted", self.transmitted),
+            ("absorbed", self.absorbed),
+            ("truncated", self.truncated),
+            ("surface", self.surface),
+            ("rehit", self.rehit),
+        ];
+        for (name, value) in shares {
+            check(name, value, (0.0..=1.0 + 1e-6).contains(&value), "a share from 0 to 1")?;
+        }
+        let finite = [
+            ("mean_theta_o_deg", self.mean_theta_o_deg),
+            ("sd_theta_o_deg", self.sd_theta_o_deg),
+            ("skew_theta_o", self.skew_theta_o),
+        ];
+        for (name, value) in finite {
+            check(name, value, true, "a finite number")?;
+        }
+        let e = &self.std_error;
+        let errors = [
+            ("std_error.albedo", e.albedo),
+            ("std_error.transmitted", e.transmitted),
+            ("std_error.absorbed", e.absorbed),
+            ("std_error.truncated", e.truncated),
+            ("std_error.surface", e.surface),
+            ("std_error.mean_theta_o_deg", e.mean_theta_o_deg),
+            ("std_error.sd_theta_o_deg", e.sd_theta_o_deg),
+            ("std_error.skew_theta_o", e.skew_theta_o),
+            ("accuracy_percent", self.accuracy_percent),
+        ];
+        for (name, value) in errors {
+            check(name, value, value >= 0.0, "a number ≥ 0")?;
+        }
+        let width = self.azimuth_width_deg;
+        match azimuth {
+            AzimuthMode::Decay => check(
+                "azimuth_width_deg",
+                width,
+                (1e-6..=1e6).contains(&width),
+                "a width in degrees from 1e-6 to 1e6",
+            ),
+            AzimuthMode::Walk => check("azimuth_width_deg", width, width >= 0.0, "a number ≥ 0"),
+        }
+    }
+}
+
+pub(crate) fn check_schema(schema: &str) -> Result<(), Flaw> {
+    if schema == SCHEMA || schema.strip_prefix(SCHEMA).is_some_and(|minor| minor.starts_with('.')) {
+        return Ok(());
+    }
+    let newer = schema.strip_prefix("pearl-lut/").and_then(|v| v.split('.').next()?.parse::<u64>().ok());
+    let advice = match newer {
+        Some(major) if major > 1 => "the file was written by a newer version, this program reads",
+        _ => "expected",
+    };
+    Err(Flaw::new("schema", format!("is {schema:?}; {advice} {SCHEMA}")))
+}
+
+fn check(field: &str, value: f64, ok: bool, right: &str) -> Result<(), Flaw> {
+    if ok && value.is_finite() {
+        return Ok(());
+    }
+    Err(Flaw::new(field, format!("is {value}, expected {right}")))
+}
+
 impl Table {
     /// Angles of incidence, radians, ascending.
     #[must_use]
     pub fn theta_i(&self) -> Vec<f64> {
         self.meta.per_incidence.iter().map(|incidence| incidence.theta_i_deg.to_radians()).collect()
+    }
+
+    /// The tabulated part of the lobe of that name.
+    #[must_use]
+    pub const fn lobe(&self, component: Component) -> &Lobe {
+        match component {
+            Component::Interior => &self.interior,
+            Component::Surface => &self.surface,
+            Component::Rehit => &self.rehit,
+        }
+    }
+
+    /// Checks that metadata and channels are whole and consistent: what a reader may rely on.
+    ///
+    /// # Errors
+    /// The first flaw found.
+    pub fn validate(&self) -> Result<(), Flaw> {
+        self.meta.validate()?;
+        let cells = self.meta.per_incidence.len() * self.meta.exit_axis.cells();
+        for component in Component::ALL {
+            let lobe = self.lobe(component);
+            let name = component.name();
+            check_channel(name, &lobe.value, cells)?;
+            check_channel(&format!("{name}_std_error"), &lobe.std_error, cells)?;
+            check_channel(&format!("{name}_count"), &lobe.count, cells)?;
+        }
+        Ok(())
+    }
+}
+
+fn check_channel(name: &str, samples: &[f32], cells: usize) -> Result<(), Flaw> {
+    if samples.len() != cells {
+        let problem = format!("holds {} values, expected {cells} (incidences × cells)", samples.len());
+        return Err(Flaw::new(format!("channel {name}"), problem));
+    }
+    match samples.iter().position(|v| !(v.is_finite() && *v >= 0.0)) {
+        None => Ok(()),
+        Some(at) => {
+            let problem = format!("is {} at cell {at}, expected a finite number ≥ 0", samples[at]);
+            Err(Flaw::new(format!("channel {name}"), problem))
+        }
     }
 }

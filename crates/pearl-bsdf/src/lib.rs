@@ -1,1 +1,35 @@
-//! A pearl table as a BSDF: eval, sample, pdf. Local shading frame, z = outward normal.
+//! A pearl table as a BSDF: `eval`, `pdf` and `sample` with the artist's controls.
+//!
+//! Directions are unit vectors in the local shading frame, z the outward normal, both pointing away from the
+//! surface (Mitsuba's convention). `eval` includes cos θo; where either direction is at or below the horizon it is 0.
+//!
+//! ```text
+//! f  = brightness·lobe·[(1 − γ) + γ·M(θd)]·limit(θi)
+//!    + ρ·(1 − A(θi))·(1 − A(θo)) / (π(1 − A_avg)) · [(1 − depth) + depth·Ê(θo)]·limit
+//! lobe = mirror (closed form of interface 0, and what met it twice) + blur (the interior, tabulated)
+//! ```
+//!
+//! A is the directional albedo of the first term per colour channel, A_avg its cosine-weighted mean. Two limits keep
+//! the directional albedo at most 1 in every channel; both are 1 unless the light would not suffice:
+//! - `limit(θi)` = 1/A before the limit, where that A exceeds 1;
+//! - the base is divided by ρ·[(1 − depth) + depth·Ē] where that exceeds 1, Ē being the mean of Ê with the weight
+//!   (1 − A(θo))·cos θo with which the base sends it out.
+//!
+//! [`PearlBsdf`] is the entry. Nothing is allocated in `eval`, `pdf` and `sample`.
+
+mod azimuth;
+mod bsdf;
+mod colour;
+mod controls;
+mod curve;
+mod facets;
+mod quadrature;
+mod tabulated;
+mod warp;
+
+pub use bsdf::{Evaluation, PearlBsdf, Sample};
+pub use controls::{BsdfError, Components, Controls};
+pub use facets::MIN_SLOPE_SD;
+
+/// A unit vector, or a linear sRGB triple where that is said.
+pub type Direction = [f64; 3];

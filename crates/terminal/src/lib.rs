@@ -43,11 +43,7 @@ impl Stop {
 
 impl From<std::io::Error> for Stop {
     fn from(error: std::io::Error) -> Self {
-        if error.kind() == std::io::ErrorKind::BrokenPipe {
-            Self::BrokenPipe
-        } else {
-            Self::failure(error)
-        }
+        if error.kind() == std::io::ErrorKind::BrokenPipe { Self::BrokenPipe } else { Self::failure(error) }
     }
 }
 
@@ -107,7 +103,11 @@ fn finish(tool: &str, outcome: Outcome) -> ExitCode {
 pub fn one_line(text: &str) -> String {
     let head = text.split("\n\n").next().unwrap_or_default();
     let words: Vec<&str> = head.split_whitespace().collect();
-    words.join(" ").chars().flat_map(|c| if c.is_control() { c.escape_default().collect() } else { vec![c] }).collect()
+    words
+        .join(" ")
+        .chars()
+        .flat_map(|c| if c.is_control() { c.escape_default().collect() } else { vec![c] })
+        .collect()
 }
 
 #[cfg(test)]

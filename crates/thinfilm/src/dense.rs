@@ -415,7 +415,14 @@ impl<'a> TileLanes<'a> {
         let (ambient, substrate) = (ambient_number(materials), substrate_number(materials));
         let flux =
             |pol| self.gather(|wave| wave.admittance(substrate, pol).re / wave.admittance(ambient, pol).re);
+        let inverse_contrast = |pol| {
+            self.gather(|wave| {
+                let largest = (0..materials).map(|m| wave.admittance(m, pol).norm()).fold(0.0, f64::max);
+                wave.admittance(ambient, pol).norm() / largest
+            })
+        };
         let mut result = dispatch::complex(&ComplexTile {
+            inverse_contrast: Polarisation::BOTH.map(inverse_contrast),
             media: &media,
             layers: &self.solver.layers,
             interface_of: &self.solver.interface_of,

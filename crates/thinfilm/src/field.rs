@@ -71,7 +71,11 @@ impl Multilayer {
             Polarisation::S => 1.0,
             Polarisation::P => self.ambient.norm(),
         };
-        let incident = if denominator.norm() == 0.0 { Complex64::new(unit, 0.0) } else { 2.0 * q_0 / denominator * unit };
+        let incident = if denominator.norm() == 0.0 {
+            Complex64::new(unit, 0.0)
+        } else {
+            2.0 * q_0 / denominator * unit
+        };
         let at_face = |face: &Admittance| {
             let power = face.exponent - top.exponent;
             [times_power_of_two(face.b * incident, power), times_power_of_two(face.c * incident, power)]
@@ -193,7 +197,8 @@ impl LayerField {
         let mean_decay = if delta.im == 0.0 { 1.0 } else { -(-2.0 * delta.im).exp_m1() / (2.0 * delta.im) };
         let sinc = if delta.re == 0.0 { 1.0 } else { delta.re.sin() / delta.re };
         let (decay, power) = exp_parts(-delta.im);
-        let standing = 2.0 * (down * up.conj()).re * sinc * times_power_of_two(Complex64::new(decay, 0.0), power).re;
+        let standing =
+            2.0 * (down * up.conj()).re * sinc * times_power_of_two(Complex64::new(decay, 0.0), power).re;
         let running = (down.norm_sqr() + up.norm_sqr()) * mean_decay;
         let q2 = (self.kz * self.slope).norm_sqr();
         d * (self.weight_b * (running + standing) + self.weight_c * q2 * (running - standing))

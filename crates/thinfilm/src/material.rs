@@ -263,9 +263,12 @@ mod tests {
 
     #[test]
     fn every_form_survives_json() {
-        for text in ["1.53", r#"{"cauchy":[1.5,0.004]}"#, r#"{"sellmeier":{"b":[1.0],"c_um2":[0.01]}}"#,
-            r#"{"table":[[400.0,1.6,0.0],[700.0,1.5,0.0]]}"#]
-        {
+        for text in [
+            "1.53",
+            r#"{"cauchy":[1.5,0.004]}"#,
+            r#"{"sellmeier":{"b":[1.0],"c_um2":[0.01]}}"#,
+            r#"{"table":[[400.0,1.6,0.0],[700.0,1.5,0.0]]}"#,
+        ] {
             let parsed: Dispersion = serde_json::from_str(text).unwrap();
             assert_eq!(serde_json::to_string(&parsed).unwrap(), text);
         }
@@ -273,7 +276,14 @@ mod tests {
 
     #[test]
     fn nonsense_is_refused_with_what_would_be_right() {
-        for text in ["0", "-1.5", "\"1.5\"", "{\"cauchy\":[]}", "{\"cauchi\":[1]}", "{\"table\":[[500,1.5,0],[400,1.5,0]]}"] {
+        for text in [
+            "0",
+            "-1.5",
+            "\"1.5\"",
+            "{\"cauchy\":[]}",
+            "{\"cauchi\":[1]}",
+            "{\"table\":[[500,1.5,0],[400,1.5,0]]}",
+        ] {
             let error = serde_json::from_str::<Dispersion>(text).unwrap_err().to_string();
             assert!(!error.contains('\n') && error.len() > 20, "{text}: {error}");
         }

@@ -179,8 +179,10 @@ impl Case {
     /// A reference is not a decimal number.
     pub fn compare(&self, response: &Response, layers: u128) -> Result<Verdict, CaseError> {
         let decimal = |field: &str, text: &str| {
-            Decimal::parse(text)
-                .ok_or_else(|| CaseError { id: self.id.clone(), why: format!("ref.{field} is {text:?}, not a decimal number") })
+            Decimal::parse(text).ok_or_else(|| CaseError {
+                id: self.id.clone(),
+                why: format!("ref.{field} is {text:?}, not a decimal number"),
+            })
         };
         let tolerance = |kappa: Option<f64>| {
             let kappa = kappa.filter(|k| k.is_finite() && *k >= 0.0).unwrap_or(0.0);
@@ -227,7 +229,8 @@ impl Decimal {
         };
         let plain = mantissa.bytes().all(|c| c.is_ascii_digit() || b"+-.".contains(&c));
         let mantissa: f64 = mantissa.parse().ok()?;
-        (plain && mantissa.is_finite() && (-1_000_000..=1_000_000).contains(&exponent)).then_some(Self { mantissa, exponent })
+        (plain && mantissa.is_finite() && (-1_000_000..=1_000_000).contains(&exponent))
+            .then_some(Self { mantissa, exponent })
     }
 
     fn value(self) -> f64 {
@@ -252,7 +255,7 @@ fn complex_error(value: Complex64, ln_abs: f64, re: Decimal, im: Decimal) -> f64
         return (value - reference).norm() / reference.norm();
     }
     // Below f64: the value must be as small, and its logarithm right.
-    if !(value.norm() <= 1e-300) {
+    if value.norm().is_nan() || value.norm() > 1e-300 {
         return f64::INFINITY;
     }
     let ratio = (ln_re - larger).exp().hypot((ln_im - larger).exp());

@@ -37,7 +37,8 @@ impl Scaled {
 impl std::ops::Mul for Scaled {
     type Output = Self;
     fn mul(self, other: Self) -> Self {
-        Self { mantissa: self.mantissa * other.mantissa, exponent: self.exponent + other.exponent }.normalised()
+        Self { mantissa: self.mantissa * other.mantissa, exponent: self.exponent + other.exponent }
+            .normalised()
     }
 }
 

@@ -21,7 +21,10 @@ impl Scattering {
     /// `repeat` ≥ 1 periods of a unit; `None` for an empty unit or no repeat.
     pub(crate) fn of_run(unit: &[LayerMatrix], repeat: u64) -> Option<Self> {
         let reference = reference_admittance(unit);
-        let period = unit.iter().map(|layer| Self::of_layer(layer, reference)).reduce(|top, below| top.star(&below))?;
+        let period = unit
+            .iter()
+            .map(|layer| Self::of_layer(layer, reference))
+            .reduce(|top, below| top.star(&below))?;
         period.repeated(repeat)
     }
 
@@ -37,9 +40,8 @@ impl Scattering {
     /// Redheffer's star product: `self` above `below`.
     fn star(&self, below: &Self) -> Self {
         let inner = 1.0 / (1.0 - self.r_back * below.r);
-        let square = |t: Scaled, r: Complex64| {
-            times_power_of_two(t.mantissa * t.mantissa * r * inner, 2 * t.exponent)
-        };
+        let square =
+            |t: Scaled, r: Complex64| times_power_of_two(t.mantissa * t.mantissa * r * inner, 2 * t.exponent);
         let t = self.t * below.t;
         Self {
             r: self.r + square(self.t, below.r),

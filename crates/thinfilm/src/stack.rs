@@ -146,7 +146,9 @@ impl Stack {
                 return Err(StackError::NoMaterial { layer: at + 1, material, materials });
             }
             if !(layer.thickness.is_finite() && layer.thickness >= 0.0) {
-                return Err(WaveError::Thickness { layer: at + 1, thickness_nm: layer.thickness * 1e9 }.into());
+                return Err(
+                    WaveError::Thickness { layer: at + 1, thickness_nm: layer.thickness * 1e9 }.into()
+                );
             }
             if !(layer.thickness_sd.is_finite() && layer.thickness_sd >= 0.0) {
                 return Err(StackError::Spread { layer: at + 1, sd_nm: layer.thickness_sd * 1e9 });
@@ -216,7 +218,8 @@ impl Stack {
         if self.layer_count() > u128::from(most) {
             return Err(WaveError::TooManyLayers { layers: self.layer_count(), most }.into());
         }
-        let mut random = StdRng::seed_from_u64(seed ^ member.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(32));
+        let mut random =
+            StdRng::seed_from_u64(seed ^ member.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(32));
         let unit = self.layers().map(|layer| StackLayer {
             thickness: draw_thickness(&mut random, layer.thickness, layer.thickness_sd),
             thickness_sd: 0.0,

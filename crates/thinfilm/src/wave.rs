@@ -10,7 +10,7 @@
 //!
 //! whose scaled entries never exceed 1 in size (times q); e^b goes into a binary exponent. sin δ/q and q sin δ are formed
 //! from sin δ/δ, so that a layer at its own critical angle (q = 0) is nothing special. Runs of many periods are
-//! doubled as scattering matrices ([`crate::scattering`]), O(log N).
+//! doubled as scattering matrices (`crate::scattering`), O(log N).
 
 use num_complex::Complex64;
 
@@ -187,7 +187,10 @@ pub(crate) struct InPlaneWave {
 #[derive(Clone, Copy, Debug)]
 enum InPlaneKind {
     /// N₀² cos²θ and kₓ.
-    Angle { cos2: Complex64, kx: Complex64 },
+    Angle {
+        cos2: Complex64,
+        kx: Complex64,
+    },
     InPlane(f64),
 }
 
@@ -249,12 +252,7 @@ pub(crate) struct LayerMatrix {
 }
 
 impl LayerMatrix {
-    pub(crate) fn new(
-        wave: &InPlaneWave,
-        layer: Layer,
-        wavelength: f64,
-        polarisation: Polarisation,
-    ) -> Self {
+    pub(crate) fn new(wave: &InPlaneWave, layer: Layer, wavelength: f64, polarisation: Polarisation) -> Self {
         let k0 = std::f64::consts::TAU / wavelength;
         let k0_d = k0 * layer.thickness;
         let kz2 = wave.kz2(layer.index);
@@ -369,7 +367,8 @@ impl Admittance {
         let below = self.b + self.c / eta; // 2 × downward amplitude
         let load = (self.b - self.c / eta) / below;
         let inner = 1.0 / (1.0 - s.r_back * load);
-        let reflected = s.r + s.t.mantissa * s.t.mantissa * times_power_of_two(load * inner, 2 * s.t.exponent);
+        let reflected =
+            s.r + s.t.mantissa * s.t.mantissa * times_power_of_two(load * inner, 2 * s.t.exponent);
         // Upwards the field grows by 1/t: keep it as an exponent.
         let scale = below / (2.0 * s.t.mantissa * inner);
         Self {
@@ -404,7 +403,11 @@ impl Multilayer {
     #[must_use]
     pub fn is_lossless(&self) -> bool {
         self.ambient.im == 0.0
-            && self.runs.iter().filter(|run| run.repeat > 0).all(|run| run.unit.iter().all(|l| has_real_eps(l.index)))
+            && self
+                .runs
+                .iter()
+                .filter(|run| run.repeat > 0)
+                .all(|run| run.unit.iter().all(|l| has_real_eps(l.index)))
     }
 
     /// Response to a wave of one polarisation.
@@ -485,10 +488,8 @@ impl Multilayer {
         let in_flux = if q_0.im == 0.0 { 4.0 * q_0.re } else { 4.0 * q_0.norm_sqr() / q_0.re };
         let amplitude = in_flux * q_sub.re;
         let inverse = Scaled::new(1.0 / denominator, -top.exponent);
-        let power = Scaled::new(
-            Complex64::new(amplitude * inverse.mantissa.norm_sqr(), 0.0),
-            2 * inverse.exponent,
-        );
+        let power =
+            Scaled::new(Complex64::new(amplitude * inverse.mantissa.norm_sqr(), 0.0), 2 * inverse.exponent);
         let lossless = self.is_lossless();
         let (reflectance, transmittance, ln_transmittance) = if lossless {
             // Flux conservation says |q₀B + C|² = |q₀B − C|² + 4 q₀ Re q_sub. Dividing by the right-hand side keeps
@@ -564,7 +565,9 @@ impl Multilayer {
                 (name, layer.index)
             })
         });
-        [(named("the ambient"), self.ambient), (named("the substrate"), self.substrate)].into_iter().chain(layers)
+        [(named("the ambient"), self.ambient), (named("the substrate"), self.substrate)]
+            .into_iter()
+            .chain(layers)
     }
 }
 

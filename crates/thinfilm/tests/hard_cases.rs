@@ -6,7 +6,11 @@ use thinfilm::reference_case::CaseFile;
 
 fn cases() -> Option<CaseFile> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/hard_cases.json");
-    let path = if path.exists() { path } else { Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../shared/hard_cases.json") };
+    let path = if path.exists() {
+        path
+    } else {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../shared/hard_cases.json")
+    };
     let Ok(text) = std::fs::read_to_string(&path) else {
         eprintln!("skipped: no ../shared/hard_cases.json beside the checkout");
         return None;

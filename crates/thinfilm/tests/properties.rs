@@ -2,8 +2,8 @@
 
 use num_complex::Complex64;
 use proptest::prelude::*;
+use rand::SeedableRng as _;
 use rand::rngs::StdRng;
-use rand::{RngExt as _, SeedableRng as _};
 use rayon::prelude::*;
 use thinfilm::{Incidence, Layer, Multilayer, Polarisation, Response, Run};
 
@@ -20,7 +20,10 @@ fn random_layers(random: &mut StdRng, count: usize, largest_k: f64) -> Vec<Layer
     let thickness = random.random_range(1e-9..600e-9);
     (0..count)
         .map(|_| Layer {
-            index: Complex64::new(1.3 + contrast * random.random_range(0.0..1.2), largest_k * random.random_range(0.0..1.0)),
+            index: Complex64::new(
+                1.3 + contrast * random.random_range(0.0..1.2),
+                largest_k * random.random_range(0.0..1.0),
+            ),
             thickness: thickness * random.random_range(0.5..1.5),
         })
         .collect()
@@ -43,8 +46,13 @@ fn lossless_stacks_conserve_energy_to_1e_13() {
         .filter_map(|seed| {
             let mut random = StdRng::seed_from_u64(seed);
             let count = log_uniform(&mut random, 1.0, 2000.0) as usize;
-            let stack = explicit(real(1.0), random_layers(&mut random, count, 0.0), real(random.random_range(1.0..2.0)));
-            let (theta, wavelength) = (random.random_range(0.0..90f64).to_radians(), random.random_range(380e-9..780e-9));
+            let stack = explicit(
+                real(1.0),
+                random_layers(&mut random, count, 0.0),
+                real(random.random_range(1.0..2.0)),
+            );
+            let (theta, wavelength) =
+                (random.random_range(0.0..90f64).to_radians(), random.random_range(380e-9..780e-9));
             let pol = Polarisation::BOTH[random.random_range(0..2usize)];
             let response = solve(&stack, wavelength, theta, pol);
             let stated = (response.reflectance + response.transmittance - 1.0).abs();
@@ -60,7 +68,11 @@ fn lossless_stacks_conserve_energy_to_1e_13() {
 /// that it holds (a resonance holds much). 8 is the number of roundings in a layer's step.
 fn rounding_bound(stack: &Multilayer, wavelength: f64, theta: f64, pol: Polarisation) -> f64 {
     let field = stack.field(wavelength, Incidence::Angle(theta), pol).unwrap();
-    let held: f64 = stack.layers().zip(field.integrals()).map(|(layer, e2)| e2 / layer.thickness * layer.index.norm_sqr()).sum();
+    let held: f64 = stack
+        .layers()
+        .zip(field.integrals())
+        .map(|(layer, e2)| e2 / layer.thickness * layer.index.norm_sqr())
+        .sum();
     8.0 * 2f64.powi(-53) * held / theta.cos()
 }
 
@@ -72,13 +84,20 @@ fn layers_of_a_long_run_doubled_and_one_by_one_agree() {
         let count = random.random_range(1..4usize);
         let unit = random_layers(&mut random, count, k);
         let repeat = random.random_range(16..400u64);
-        let run = Multilayer { ambient: real(1.0), runs: vec![Run { unit: unit.clone(), repeat }], substrate: real(1.53) };
+        let run = Multilayer {
+            ambient: real(1.0),
+            runs: vec![Run { unit: unit.clone(), repeat }],
+            substrate: real(1.53),
+        };
         let listed = explicit(real(1.0), run.layers().collect(), real(1.53));
         for pol in Polarisation::BOTH {
             let (a, b) = (solve(&run, 550e-9, 0.7, pol), solve(&listed, 550e-9, 0.7, pol));
             // N rounding errors on either way, magnified where a band edge stores light.
             assert!((a.r - b.r).norm() < 1e-10, "seed {seed} {pol:?}: {a:?} {b:?}");
-            assert!((a.ln_transmittance - b.ln_transmittance).abs() < 1e-9, "seed {seed} {pol:?}: {a:?} {b:?}");
+            assert!(
+                (a.ln_transmittance - b.ln_transmittance).abs() < 1e-9,
+                "seed {seed} {pol:?}: {a:?} {b:?}"
+            );
             assert!((a.t - b.t).norm() < 1e-10, "seed {seed} {pol:?}: {a:?} {b:?}");
         }
     }
@@ -99,7 +118,10 @@ fn any_pol() -> impl Strategy<Value = Polarisation> {
 
 fn close(a: &Response, b: &Response, tolerance: f64) -> Result<(), TestCaseError> {
     let ln = (a.ln_transmittance - b.ln_transmittance).abs();
-    prop_assert!((a.r - b.r).norm() < tolerance && (a.t - b.t).norm() < tolerance && ln < 10.0 * tolerance, "{a:?}\n{b:?}");
+    prop_assert!(
+        (a.r - b.r).norm() < tolerance && (a.t - b.t).norm() < tolerance && ln < 10.0 * tolerance,
+        "{a:?}\n{b:?}"
+    );
     Ok(())
 }
 

@@ -1,3 +1,85 @@
 //! Automation: the same commands locally and in CI.
+//!
+//! `cargo xtask test` sets up what the tests need (a Python environment inside the checkout, libLLVM where it is
+//! missing and installing it is permitted) and runs every check. Nothing is skipped silently: a step that cannot run
+//! says why and is counted.
 
-fn main() {}
+#![allow(clippy::print_stdout, clippy::print_stderr)] // a command for people
+
+mod python;
+
+use anyhow::{Context as _, Result, bail};
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+use std::time::Instant;
+
+const USAGE: &str = "\
+cargo xtask test     set up and run every check (what CI runs)
+cargo xtask setup    only set up: Python environment, libLLVM
+cargo xtask rust     only the Rust checks: format, lints, docs, tests
+cargo xtask python   only the checks against Python readers and renderers";
+
+fn main() -> ExitCode {
+    let command = std::env::args().nth(1).unwrap_or_default();
+    let outcome = match command.as_str() {
+        "test" => rust().and_then(|()| python_checks()),
+        "setup" => python::environment().map(drop),
+        "rust" => rust(),
+        "python" => python_checks(),
+        _ => {
+            eprintln!("{USAGE}");
+            return ExitCode::from(2);
+        }
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("xtask: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The root of the checkout.
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).to_owned()
+}
+
+fn rust() -> Result<()> {
+    step("format", cargo(&["fmt", "--all", "--check"]))?;
+    step("lints", cargo(&["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"]))?;
+    let mut docs = cargo(&["doc", "--workspace", "--no-deps", "--document-private-items"]);
+    // Private modules have pages too, so links to them lead somewhere.
+    docs.env("RUSTDOCFLAGS", "--deny warnings --allow rustdoc::private_intra_doc_links");
+    step("docs", docs)?;
+    // Optimised: the statistical tests walk billions of crossings.
+    step("tests", cargo(&["test", "--release", "--workspace"]))?;
+    step("long tests", cargo(&["test", "--release", "--workspace", "--", "--ignored", "long_"]))
+}
+
+fn python_checks() -> Result<()> {
+    step("release build", cargo(&["build", "--release", "--workspace"]))?;
+    let python = python::environment()?;
+    let mut pytest = Command::new(python);
+    pytest.args(["-m", "pytest", "-q", "-rs", "tests/python"]).current_dir(root());
+    pytest.env("NACRE_BIN", root().join("target/release"));
+    step("python", pytest)
+}
+
+fn cargo(args: &[&str]) -> Command {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.args(args).current_dir(root());
+    command
+}
+
+fn step(name: &str, mut command: Command) -> Result<()> {
+    println!("\n== {name}");
+    let started = Instant::now();
+    let status =
+        command.status().with_context(|| format!("{name}: cannot start {:?}", command.get_program()))?;
+    if !status.success() {
+        bail!("{name} failed ({status})");
+    }
+    println!("== {name}: {:.0} s", started.elapsed().as_secs_f64());
+    Ok(())
+}

@@ -3,6 +3,9 @@
 //! A path's random numbers are a function of (seed, θi, path number) alone, so that any thread count, SIMD
 //! width, resume or shard gives the same exits.
 
+pub mod lanes;
+pub mod reference;
+
 /// How a path ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]

@@ -58,6 +58,11 @@ pub(super) struct TileResult {
 /// squared, so that between two looks it stays far from the end of f64.
 const RESCALE_ABOVE: f64 = 1.267_650_600_228_229_4e30; // 2^100
 
+/// What a layer adds to the error that the robust form does not share, measured: a rotation keeps its norm, complex
+/// amplitudes drift.
+const ROTATION_ROUNDING: f64 = 1.387_778_780_781_445_7e-17; // 2^-56
+const AMPLITUDE_ROUNDING: f64 = 5.551_115_123_125_783e-17; // 2^-54
+
 /// Layers between two looks at the energy. Few layers are looked at one by one: a cavity of three must not be missed.
 const fn look_every(layers: usize) -> usize {
     let layers = layers / 24;
@@ -93,12 +98,13 @@ impl Memory {
         Some(factor)
     }
 
-    /// A field that is larger inside than at the top magnifies the rounding made there.
+    /// r answers to a layer's phase as the power stored there to the power that comes in: a resonance magnifies the
+    /// rounding made inside it.
     #[inline(always)]
-    fn magnified_rounding(&self, layers: usize, top: Lanes) -> Lanes {
-        // Equal layers round alike, so their errors add up as N, not as √N; measured, a quarter of that bounds them.
-        let rounding = 2f64.powi(-55) * layers as f64;
-        self.most.zip(top, |most, top| rounding * most / top)
+    fn magnified_rounding(&self, per_layer: f64, layers: usize, incident: Lanes) -> Lanes {
+        // Equal layers round alike, so their errors add up as N, not as √N.
+        let rounding = per_layer * layers as f64;
+        self.most.zip(incident, |most, incident| rounding * most / incident)
     }
 }
 
@@ -237,7 +243,9 @@ fn finish_lossless(tile: &LosslessTile, rotors: [Rotor; 2], memories: [Memory; 2
         result.transmittance[pol] = transmitted.zip(whole, |a, b| a / b);
         // Rounding does not know of flux conservation: what it breaks is the measure of what it did.
         let broken = whole.zip(incident, |a, b| (a / b - 1.0).abs());
-        result.doubt[pol] = broken + memories[pol].magnified_rounding(tile.layers.len(), rotor.energy());
+        // q_ref(B² + C²/q_ref²) stored against |q₀B + C|²/2q₀ coming in.
+        let incoming = incident.zip((q_0 * q_ref).scale(2.0), |d, q| d / q);
+        result.doubt[pol] = broken + memories[pol].magnified_rounding(ROTATION_ROUNDING, tile.layers.len(), incoming);
         result.emission[pol] = rotor.emission.zip(incident, |e, d| e / d) * (q_0 * q_0).scale(4.0);
     }
     result
@@ -267,6 +275,8 @@ pub(super) struct ComplexTile<'a> {
     /// For each layer the interface at its lower face; last, the ambient's.
     pub(super) interface_of: &'a [usize],
     pub(super) interfaces: &'a [Interface],
+    /// q_0 over the largest |q| of a layer, [s, p].
+    pub(super) inverse_contrast: [Lanes; 2],
     /// Re q_sub/Re q_0, [s, p].
     pub(super) flux: [Lanes; 2],
 }
@@ -375,7 +385,8 @@ fn finish_complex(tile: &ComplexTile, waves: [Amplitudes; 2], memories: [Memory;
         result.reflectance[pol] = up.zip(down, |u, d| u / d);
         let power = memory.exponent.zip(total_decay, |e, decay| (-2.0 * e - decay).exp2());
         result.transmittance[pol] = (power * tile.flux[pol]).zip(down, |p, d| p / d);
-        result.doubt[pol] = memory.magnified_rounding(tile.layers.len(), wave.energy());
+        let incoming = down * tile.inverse_contrast[pol];
+        result.doubt[pol] = memory.magnified_rounding(AMPLITUDE_ROUNDING, tile.layers.len(), incoming);
     }
     result
 }

@@ -1,0 +1,369 @@
+//! From a solver's answer to a table: shares of light per cell become f·cos θo per steradian.
+
+use super::{Request, Target};
+use crate::bake::sampling::Sampling;
+use crate::doubling::{ErrorEstimate, Solution};
+use crate::recipe::Recipe;
+use crate::tally::{CellShares, Tally};
+use crate::transport::{Normals, Transport};
+use lut_io::axis::{ExitAxis, Stretched};
+use lut_io::measure;
+use lut_io::table::{
+    Accuracy, AzimuthMode, Component, IncidenceSummary, Lobe, Meta, SCHEMA, Solver, SummaryErrors,
+    SurfaceModel, Table,
+};
+
+/// What a solver knows of one incidence.
+struct Incidence {
+    summary: IncidenceSummary,
+    /// In the order of [`Component::ALL`].
+    components: [CellShares; 3],
+}
+
+/// The table of a finished walk.
+pub(super) fn walk_table(
+    request: &Request,
+    transport: &Transport,
+    axis: &ExitAxis,
+    sampling: &Sampling,
+) -> Table {
+    let incidences =
+        sampling.tallies().iter().zip(&request.incident_deg).map(|(tally, &theta_i_deg)| Incidence {
+            summary: tally.summary(theta_i_deg),
+            components: Component::ALL.map(|component| tally.component(component)),
+        });
+    let crossings: u64 = sampling.tallies().iter().map(|tally| tally.crossings).sum();
+    let settings = serde_json::json!({
+        "estimator": "analog",
+        "precision": sampling.precision(),
+        "event_cap": request.event_cap,
+        "crossings": crossings,
+    });
+    let noise: Vec<f64> = sampling.tallies().iter().map(Tally::total_variation_error).collect();
+    table(request, transport, axis, (Solver::Walk, settings), incidences.collect(), &noise)
+}
+
+/// The table of a doubling solution.
+pub(super) fn doubling_table(
+    request: &Request,
+    transport: &Transport,
+    axis: &ExitAxis,
+    solution: &Solution,
+) -> Table {
+    let incidences: Vec<Incidence> = (0..solution.lobes.len())
+        .map(|i| {
+            let summary = doubling_summary(solution, i, request.incident_deg[i]);
+            // The estimate is a total variation: spread over the cells in proportion to their light.
+            let relative = 2.0 * summary.accuracy_percent / 100.0;
+            let components = cell_shares(axis, solution, i).map(|share| CellShares {
+                std_error: share.iter().map(|share| relative * share).collect(),
+                count: vec![0; share.len()],
+                share,
+            });
+            Incidence { summary, components }
+        })
+        .collect();
+    let settings = serde_json::json!({
+        "nodes": solution.settings.nodes,
+        "modes": solution.settings.modes,
+        "reach": solution.settings.reach,
+        "density": solution.settings.density,
+    });
+    let noise = vec![0.0; incidences.len()];
+    table(request, transport, axis, (Solver::Doubling, settings), incidences, &noise)
+}
+
+fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> IncidenceSummary {
+    let lobe = &solution.lobes[i];
+    let error = solution.error.clone().unwrap_or_else(|| ErrorEstimate {
+        total_variation: vec![0.0; solution.lobes.len()],
+        albedo: 0.0,
+        mean: 0.0,
+        sd: 0.0,
+        skew: 0.0,
+    });
+    IncidenceSummary {
+        theta_i_deg,
+        albedo: lobe.albedo,
+        transmitted: lobe.transmitted,
+        absorbed: lobe.absorbed,
+        truncated: 0.0,
+        surface: lobe.surface,
+        rehit: lobe.rehit,
+        mean_theta_o_deg: lobe.mean.to_degrees(),
+        sd_theta_o_deg: lobe.sd.to_degrees(),
+        skew_theta_o: lobe.skew,
+        std_error: SummaryErrors {
+            albedo: error.albedo,
+            transmitted: error.albedo,
+            absorbed: error.albedo,
+            truncated: 0.0,
+            surface: error.albedo,
+            mean_theta_o_deg: error.mean.to_degrees(),
+            sd_theta_o_deg: error.sd.to_degrees(),
+            skew_theta_o: error.skew,
+        },
+        paths: 0,
+        azimuth_width_deg: 0.0,
+        accuracy_percent: 100.0 * error.total_variation[i],
+    }
+}
+
+/// Share of the incident light in each cell, by component: a Gauss rule in cell position, three points a cell on the
+/// columns and two on φ, where lobes are smoother.
+pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize) -> [Vec<f64>; 3] {
+    let theta_i = solution.lobes[incidence].theta_i;
+    let columns = axis.columns_at(theta_i);
+    let phi_axis = axis.phi_at(theta_i);
+    let (angles, mut weights) = gauss(&columns, &GAUSS_3);
+    let (azimuths, azimuth_weights) = match &phi_axis {
+        None => (vec![0.0], vec![1.0]),
+        Some(phi) => {
+            for (weight, angle) in weights.iter_mut().zip(&angles) {
+                *weight *= angle.sin();
+            }
+            // Both mirror halves.
+            let (azimuths, weights) = gauss(phi, &GAUSS_2);
+            (azimuths, weights.iter().map(|w| 2.0 * w).collect())
+        }
+    };
+    let basis = solution.basis(&angles, &azimuths);
+    let [interior, rehit, single] = [
+        solution.interior(incidence, &basis),
+        solution.rehit(incidence, &basis),
+        solution.single(incidence, &basis),
+    ];
+    let rows = axis.rows_per_incidence();
+    let (per_column, per_row) = (angles.len() / columns.cells, azimuths.len() / rows);
+    let mut shares = [const { Vec::new() }; 3];
+    for row in 0..rows {
+        for column in 0..columns.cells {
+            let (mut inner, mut hit, mut first) = (0.0, 0.0, 0.0);
+            for f in row * per_row..(row + 1) * per_row {
+                for k in column * per_column..(column + 1) * per_column {
+                    let weight = weights[k] * azimuth_weights[f];
+                    inner += weight * interior[(k, f)];
+                    hit += weight * rehit[(k, f)];
+                    first += weight * single[(k, f)];
+                }
+            }
+            // Truncated series may dip below zero where there is next to no light.
+            let (inner, hit, first) = (inner.max(0.0), hit.max(0.0), first.max(0.0));
+            for (share, value) in shares.iter_mut().zip([inner, first + hit, hit]) {
+                share.push(value);
+            }
+        }
+    }
+    shares
+}
+
+/// Points and weights of a Gauss rule repeated in every cell of an axis.
+fn gauss(axis: &Stretched, rule: &[(f64, f64)]) -> (Vec<f64>, Vec<f64>) {
+    (0..axis.cells)
+        .flat_map(|cell| rule.iter().map(move |&(t, weight)| (cell as f64 + t, weight)))
+        .map(|(position, weight)| (axis.at(position), weight * axis.slope(position)))
+        .unzip()
+}
+
+/// Gauss–Legendre rules on [0, 1].
+const GAUSS_3: [(f64, f64); 3] =
+    [(0.112_701_665_379_258_31, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
+const GAUSS_2: [(f64, f64); 2] = [(0.211_324_865_405_187_1, 0.5), (0.788_675_134_594_812_9, 0.5)];
+
+/// `noise` is the statistical part of each row's total variation.
+fn table(
+    request: &Request,
+    transport: &Transport,
+    axis: &ExitAxis,
+    solver: (Solver, serde_json::Value),
+    mut incidences: Vec<Incidence>,
+    noise: &[f64],
+) -> Table {
+    let mut lobes = [const { Lobe { value: Vec::new(), std_error: Vec::new(), count: Vec::new() } }; 3];
+    let mut rows = Vec::new();
+    for (incidence, &noise) in incidences.iter_mut().zip(noise) {
+        let summary = &mut incidence.summary;
+        if matches!(axis, ExitAxis::Plane { .. }) {
+            summary.azimuth_width_deg = azimuth_width_deg(&request.recipe, summary);
+        }
+        let theta_i = summary.theta_i_deg.to_radians();
+        let extents = measure::cell_extents(axis, theta_i);
+        let weights = measure::reading_weights(axis, theta_i, summary.azimuth_width_deg.to_radians());
+        for (lobe, shares) in lobes.iter_mut().zip(&mut incidence.components) {
+            if theta_i == 0.0 {
+                symmetrise(axis, &extents, shares);
+            }
+            push_row(lobe, shares, &extents, &weights);
+        }
+        let [interior, _, rehit] = &incidence.components;
+        let read = interior.share.iter().zip(&rehit.share).map(|(a, b)| a + b).collect();
+        rows.push(Row { theta_i, share: read, albedo: summary.albedo, extents, noise });
+    }
+    let summaries: Vec<IncidenceSummary> =
+        incidences.into_iter().map(|incidence| incidence.summary).collect();
+    let accuracy = accuracy(request.target, &rows, &summaries);
+    let [interior, surface, rehit] = lobes;
+    Table { meta: meta(request, transport, axis, solver, summaries, accuracy), interior, surface, rehit }
+}
+
+fn meta(
+    request: &Request,
+    transport: &Transport,
+    axis: &ExitAxis,
+    (solver, solver_settings): (Solver, serde_json::Value),
+    per_incidence: Vec<IncidenceSummary>,
+    accuracy: Accuracy,
+) -> Meta {
+    Meta {
+        schema: SCHEMA.to_owned(),
+        writer: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned(),
+        recipe: request.recipe.to_json(),
+        seed: request.seed,
+        solver,
+        solver_settings,
+        azimuth: match axis {
+            ExitAxis::Plane { .. } => AzimuthMode::Decay,
+            ExitAxis::Space { .. } => AzimuthMode::Walk,
+        },
+        wavelength_nm: request.recipe.light.wavelength_nm,
+        accuracy,
+        exit_axis: *axis,
+        surface_model: SurfaceModel {
+            n_ambient: transport.indices[0],
+            n_first: transport.indices[1],
+            slope_sd: transport.facets.slope_sd,
+            normals: match transport.facets.normals {
+                Normals::Unweighted => "unweighted".to_owned(),
+                Normals::Visible => "visible".to_owned(),
+            },
+        },
+        effects: effects(transport, axis),
+        per_incidence,
+        extra: serde_json::Map::new(),
+    }
+}
+
+fn effects(transport: &Transport, axis: &ExitAxis) -> Vec<String> {
+    let mut effects = vec!["surface".to_owned(), "blur".to_owned()];
+    effects.push(match axis {
+        ExitAxis::Plane { .. } => "azimuth:decay".to_owned(),
+        ExitAxis::Space { .. } => "azimuth:walk".to_owned(),
+    });
+    if transport.absorbs() {
+        effects.push("absorption".to_owned());
+    }
+    effects
+}
+
+/// w of the decay postulate: the recipe's, or the standard deviation of the plane lobe at this θi.
+fn azimuth_width_deg(recipe: &Recipe, summary: &IncidenceSummary) -> f64 {
+    // A lobe without spread (σ = 0, or no light at all) still needs a width to divide by.
+    const NARROWEST_DEG: f64 = 1e-4;
+    recipe.azimuth.width_deg.unwrap_or(summary.sd_theta_o_deg).max(NARROWEST_DEG)
+}
+
+/// Stored values, errors and counts of one component at one incidence.
+fn push_row(lobe: &mut Lobe, shares: &CellShares, extents: &[f64], weights: &[f64]) {
+    let factors = measure::value_factors(&shares.share, extents, weights);
+    let scaled = |values: &[f64]| -> Vec<f32> {
+        values.iter().zip(&factors).map(|(value, factor)| (value * factor) as f32).collect()
+    };
+    lobe.value.extend(scaled(&shares.share));
+    lobe.std_error.extend(scaled(&shares.std_error));
+    lobe.count.extend(shares.count.iter().map(|&count| count as f32));
+}
+
+/// At normal incidence nothing distinguishes an azimuth: averages over the cells that differ by it alone, and
+/// keeps each cell's own count. Averaging n independent shares divides the error of their sum by n.
+fn symmetrise(axis: &ExitAxis, extents: &[f64], shares: &mut CellShares) {
+    let columns = axis.columns();
+    let rows = axis.rows_per_incidence();
+    let groups: Vec<Vec<usize>> = match axis {
+        ExitAxis::Plane { .. } => (0..columns / 2).map(|k| vec![k, columns - 1 - k]).collect(),
+        ExitAxis::Space { .. } => {
+            (0..columns).map(|k| (0..rows).map(|row| row * columns + k).collect()).collect()
+        }
+    };
+    for group in groups {
+        let share: f64 = group.iter().map(|&k| shares.share[k]).sum();
+        let error = group.iter().map(|&k| shares.std_error[k].powi(2)).sum::<f64>().sqrt();
+        let extent: f64 = group.iter().map(|&k| extents[k]).sum();
+        for &k in &group {
+            shares.share[k] = share * extents[k] / extent;
+            shares.std_error[k] = error * extents[k] / extent;
+        }
+    }
+}
+
+fn accuracy(target: Target, rows: &[Row], summaries: &[IncidenceSummary]) -> Accuracy {
+    let worst = summaries.iter().max_by(|a, b| a.accuracy_percent.total_cmp(&b.accuracy_percent));
+    Accuracy {
+        asked_percent: match target {
+            Target::AccuracyPercent(percent) => Some(percent),
+            Target::Paths(_) | Target::Time(_) => None,
+        },
+        reached_percent: worst.map_or(0.0, |summary| summary.accuracy_percent),
+        worst_theta_i_deg: worst.map_or(0.0, |summary| summary.theta_i_deg),
+        interpolation_percent: 100.0 * interpolation_error(rows),
+    }
+}
+
+/// The light at one incidence that is read from the table between incidences: interior and rehit. (A BSDF has the
+/// single reflection in closed form.)
+struct Row {
+    theta_i: f64,
+    share: Vec<f64>,
+    albedo: f64,
+    extents: Vec<f64>,
+    /// Statistical part of the row's total variation.
+    noise: f64,
+}
+
+impl Row {
+    /// Density of each cell: share per extent.
+    fn density(&self) -> Vec<f64> {
+        self.share.iter().zip(&self.extents).map(|(share, extent)| share / extent).collect()
+    }
+}
+
+/// Error of reading half-way between two incidences, as total variation, worst interval.
+///
+/// Each inner row is predicted from its two neighbours. What that misses by, less the noise of the three rows, is
+/// the error of linear interpolation over the double interval; over a single one it is a quarter.
+fn interpolation_error(rows: &[Row]) -> f64 {
+    let missed = rows.windows(3).map(|three| {
+        let [before, here, after] = three else { return 0.0 };
+        let t = (here.theta_i - before.theta_i) / (after.theta_i - before.theta_i);
+        let predicted: Vec<f64> =
+            before.density().iter().zip(after.density()).map(|(a, b)| (1.0 - t) * a + t * b).collect();
+        // The reader restores the share.
+        let read: f64 = predicted.iter().zip(&here.extents).map(|(p, e)| p * e).sum();
+        let scale = here.share.iter().sum::<f64>() / read.max(f64::MIN_POSITIVE);
+        let difference: f64 = (predicted.iter().zip(here.density()).zip(&here.extents))
+            .map(|((p, h), e)| (scale * p - h).abs() * e)
+            .sum::<f64>()
+            / here.albedo.max(f64::MIN_POSITIVE);
+        let noise2 = ((1.0 - t) * before.noise).powi(2) + (t * after.noise).powi(2) + here.noise.powi(2);
+        ((0.5 * difference).powi(2) - noise2).max(0.0).sqrt()
+    });
+    0.25 * missed.fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::FRAC_PI_2;
+
+    #[test]
+    fn the_gauss_rules_integrate_cells() {
+        let axis = ExitAxis::Plane { cells: 128, width: 0.07 }.columns_at(0.6);
+        for rule in [&GAUSS_2[..], &GAUSS_3] {
+            let (points, weights) = gauss(&axis, rule);
+            let length: f64 = weights.iter().sum();
+            let integral: f64 = points.iter().zip(&weights).map(|(s, w)| w * s.cos()).sum();
+            // Two points a cell leave 1e-8 on a cosine.
+            assert!((length / std::f64::consts::PI - 1.0).abs() < 1e-6 && (integral - 2.0).abs() < 1e-6);
+        }
+        assert_eq!(axis.hi, FRAC_PI_2);
+    }
+}

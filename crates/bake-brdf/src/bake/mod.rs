@@ -1,0 +1,345 @@
+//! From a recipe to a table: chooses cells and incidences, runs a solver, assembles the result.
+
+pub(crate) mod assemble;
+pub mod sampling;
+pub mod snapshot;
+
+use crate::doubling;
+use crate::recipe::{AzimuthMode, Recipe, RecipeError};
+use crate::tally::Tally;
+use crate::transport::{Geometry, Transport};
+use crate::walk::lanes::Precision;
+use lut_io::axis::{ExitAxis, MAX_WIDTH};
+use lut_io::table::Table;
+use sampling::{Sampling, Shard, State};
+use serde::{Deserialize, Serialize};
+use snapshot::Snapshot;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+/// Columns of a plane table: cells of 0.07 σ-widths at the lobe's centre keep the reading error near 5e-4.
+const PLANE_CELLS: usize = 128;
+/// Columns of a space table.
+const SPACE_THETA_CELLS: usize = 64;
+/// φ cells of a space table.
+const SPACE_PHI_CELLS: usize = 32;
+/// Narrowest stretch width, radians: directions are stored in f32, whose angles are good to 6e-8.
+const NARROWEST: f64 = 1e-6;
+
+/// Event cap of a path unless another is asked for. The longest path seen in 10⁸ of the paper's pearl had
+/// 29,000 events; trapped light (total reflection at every interface) would go on for ever.
+pub const DEFAULT_EVENT_CAP: u32 = 10_000_000;
+
+/// Loosest total variation that doubling is asked for: below this its own minimum resolution is finer anyway.
+const COARSEST_DOUBLING: f64 = 0.05;
+
+/// When a bake is finished.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Target {
+    /// Total variation of the lobe, per cent of the reflected light, at the worst incidence.
+    AccuracyPercent(f64),
+    /// Paths per incidence.
+    Paths(u64),
+    /// Wall-clock time.
+    Time(Duration),
+}
+
+/// Who solves the transport problem.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SolverChoice {
+    /// The Monte Carlo walk.
+    Walk,
+    /// Adding and doubling.
+    Doubling,
+    /// The cheaper of the two.
+    Auto,
+}
+
+/// What to bake.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// The pearl.
+    pub recipe: Recipe,
+    /// Angles of incidence, degrees, ascending, within [0, 90].
+    pub incident_deg: Vec<f64>,
+    /// When to stop.
+    pub target: Target,
+    /// Seed of the walk.
+    pub seed: u64,
+    /// Most events of a path; beyond it the path is booked as truncated.
+    pub event_cap: u32,
+    /// Arithmetic of the walk's geometry.
+    pub precision: Precision,
+}
+
+/// Why a bake gave no table.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BakeError {
+    /// The recipe is wrong.
+    #[error(transparent)]
+    Recipe(#[from] RecipeError),
+    /// Something else that was asked for cannot be done; one line that says what would be right.
+    #[error("{0}")]
+    Input(String),
+    /// The observer asked to stop.
+    #[error("interrupted; nothing was written")]
+    Interrupted,
+}
+
+/// Watches a bake, and can stop it.
+pub struct Observer<'a> {
+    /// Set from anywhere (a signal handler) to stop at the next task.
+    pub stop: &'a AtomicBool,
+    /// Called after every task, about a hundred times a second.
+    pub progress: &'a (dyn Fn(&Progress<'_>) + Sync),
+    /// Called once when the pilot is through, with the seconds the rest is expected to take.
+    pub forecast: &'a (dyn Fn(f64) + Sync),
+    /// Where states go from time to time.
+    pub checkpoint: Option<Checkpoint<'a>>,
+}
+
+impl Observer<'_> {
+    /// Watches nothing.
+    #[must_use]
+    pub const fn idle() -> Self {
+        static NEVER: AtomicBool = AtomicBool::new(false);
+        Self { stop: &NEVER, progress: &|_| (), forecast: &|_| (), checkpoint: None }
+    }
+}
+
+/// Keeps the state of a bake from time to time.
+pub struct Checkpoint<'a> {
+    /// Least time between two states.
+    pub every: Duration,
+    /// Takes a state.
+    pub keep: &'a (dyn Fn(&State) + Sync),
+}
+
+/// How far a bake is.
+pub struct Progress<'a> {
+    /// Tallies so far, one per incidence.
+    pub tallies: &'a [Tally],
+    /// Crossings after which the present round is through.
+    pub expected_crossings: f64,
+}
+
+impl Progress<'_> {
+    /// Crossings done so far.
+    #[must_use]
+    pub fn crossings(&self) -> u64 {
+        self.tallies.iter().map(|tally| tally.crossings).sum()
+    }
+
+    /// Bound on the error reached so far, per cent, at the worst incidence.
+    #[must_use]
+    pub fn error_percent(&self) -> f64 {
+        100.0 * self.tallies.iter().map(Tally::total_variation_bound).fold(0.0, f64::max)
+    }
+}
+
+/// The default angles of incidence: 0° to 90° by 1°.
+#[must_use]
+pub fn default_incident_deg() -> Vec<f64> {
+    (0..=90).map(f64::from).collect()
+}
+
+/// The exit cells of a table for this geometry and facet slope (radians).
+#[must_use]
+pub fn exit_axis(geometry: Geometry, slope_sd: f64) -> ExitAxis {
+    // Twice the slope is the width of a single reflection, the narrowest thing in the lobe.
+    let width = (2.0 * slope_sd).clamp(NARROWEST, MAX_WIDTH);
+    match geometry {
+        Geometry::Plane => ExitAxis::Plane { cells: PLANE_CELLS, width },
+        Geometry::Space => {
+            ExitAxis::Space { theta_cells: SPACE_THETA_CELLS, phi_cells: SPACE_PHI_CELLS, width }
+        }
+    }
+}
+
+impl Request {
+    /// Checks what the recipe's own checks do not cover.
+    ///
+    /// # Errors
+    /// One line that names the value and what would be right.
+    pub fn check(&self) -> Result<(), BakeError> {
+        let refuse = |line: String| Err(BakeError::Input(line));
+        if self.incident_deg.is_empty() {
+            return refuse("incident-deg: an empty list; give at least one angle from 0 to 90".to_owned());
+        }
+        if let Some(angle) = self.incident_deg.iter().find(|angle| !(0.0..=90.0).contains(*angle)) {
+            return refuse(format!(
+                "incident-deg: {angle} is not an angle of incidence; expected 0 to 90 degrees"
+            ));
+        }
+        if self.incident_deg.windows(2).any(|pair| pair[0] >= pair[1]) {
+            return refuse("incident-deg: angles must ascend and differ".to_owned());
+        }
+        if self.event_cap == 0 {
+            return refuse("event-cap: 0 events would walk nothing; give at least 1".to_owned());
+        }
+        match self.target {
+            Target::AccuracyPercent(percent) if !(percent > 0.0 && percent <= 100.0) => refuse(format!(
+                "accuracy: {percent} is not a share; expected more than 0 and at most 100 per cent"
+            )),
+            Target::Paths(paths) if !(1..=sampling::MAX_PATHS).contains(&paths) => {
+                refuse(format!("paths: {paths} per incidence; expected 1 to {}", sampling::MAX_PATHS))
+            }
+            Target::Time(budget) if budget.is_zero() => {
+                refuse("time-budget: 0 seconds; expected more".to_owned())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Plane or space, as the recipe's azimuth mode needs.
+    #[must_use]
+    pub fn geometry(&self) -> Geometry {
+        match self.recipe.azimuth.mode {
+            AzimuthMode::Decay => Geometry::Plane,
+            AzimuthMode::Walk => Geometry::Space,
+        }
+    }
+
+    /// The transport problem at the recipe's wavelength.
+    ///
+    /// # Errors
+    /// As [`Recipe::transport`].
+    pub fn transport(&self) -> Result<Transport, BakeError> {
+        Ok(self.recipe.transport(self.recipe.wavelength())?)
+    }
+
+    /// Angles of incidence, radians.
+    #[must_use]
+    pub fn theta_i(&self) -> Vec<f64> {
+        self.incident_deg.iter().map(|angle| angle.to_radians()).collect()
+    }
+
+    pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
+        self.check()?;
+        let transport = self.transport()?;
+        let geometry = self.geometry();
+        let axis = exit_axis(geometry, transport.facets.slope_sd);
+        let theta_i: Vec<f64> = self.incident_deg.iter().map(|angle| angle.to_radians()).collect();
+        let sampling = Sampling::new(
+            &transport,
+            geometry,
+            &axis,
+            &theta_i,
+            self.seed,
+            self.event_cap,
+            self.precision,
+            shard,
+        )?;
+        Ok((sampling, transport, axis))
+    }
+}
+
+/// Bakes with adding and doubling to the accuracy asked for.
+///
+/// # Errors
+/// A request for paths or time, or a problem out of the solver's reach; the message says what would do.
+pub fn doubling(request: &Request) -> Result<Table, BakeError> {
+    request.check()?;
+    let Target::AccuracyPercent(percent) = request.target else {
+        return Err(BakeError::Input(
+            "doubling walks no paths: give it --accuracy, not --paths or --time-budget".to_owned(),
+        ));
+    };
+    let transport = request.transport()?;
+    let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    let share = (percent / 100.0).min(COARSEST_DOUBLING);
+    let solution = doubling::solve_to(&transport, request.geometry(), &request.theta_i(), share, false)
+        .map_err(|why| BakeError::Input(format!("solver doubling: {why}")))?;
+    Ok(assemble::doubling_table(request, &transport, &axis, &solution))
+}
+
+/// Which solver is cheaper for a request, and why in one sentence.
+///
+/// # Errors
+/// A bad request.
+pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeError> {
+    request.check()?;
+    let Target::AccuracyPercent(percent) = request.target else {
+        return Ok((
+            SolverChoice::Walk,
+            "paths or a time budget were asked for, which only the walk has".to_owned(),
+        ));
+    };
+    let transport = request.transport()?;
+    let geometry = request.geometry();
+    let threads = rayon::current_num_threads() as f64;
+    let share = (percent / 100.0).min(COARSEST_DOUBLING);
+    let settings = doubling::Settings::for_accuracy(&transport, geometry, share);
+    let cost = settings.cost(&transport, geometry, request.incident_deg.len());
+    // Two resolutions, the coarser at about 0.8³ of the cost.
+    let by_doubling = 1.5 * cost.seconds / threads;
+    if let Err(why) = settings.check(&transport, geometry, &request.theta_i()) {
+        return Ok((SolverChoice::Walk, format!("doubling is out of reach here: {why}")));
+    }
+    let by_walk = sampling::estimate_seconds(request, share)?;
+    let choice = if by_doubling <= by_walk { SolverChoice::Doubling } else { SolverChoice::Walk };
+    let reason = format!("doubling would take about {by_doubling:.2} s, the walk {by_walk:.2} s");
+    Ok((choice, reason))
+}
+
+/// Bakes with the Monte Carlo walk; goes on from `resume` where that is given. A bake that is interrupted hands its
+/// last whole state to the observer's checkpoint.
+///
+/// # Errors
+/// A bad request, a state of another bake, or an observer that asked to stop.
+pub fn walk(
+    request: &Request,
+    observer: &Observer<'_>,
+    resume: Option<Snapshot>,
+) -> Result<Table, BakeError> {
+    let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    let result = walk_target(request, &mut sampling, observer, resume);
+    if let (Err(BakeError::Interrupted), Some(checkpoint)) = (&result, &observer.checkpoint) {
+        (checkpoint.keep)(&sampling.state());
+    }
+    result?;
+    Ok(assemble::walk_table(request, &transport, &axis, &sampling))
+}
+
+fn walk_target(
+    request: &Request,
+    sampling: &mut Sampling,
+    observer: &Observer<'_>,
+    resume: Option<Snapshot>,
+) -> Result<(), BakeError> {
+    if let Some(snapshot) = resume {
+        Snapshot::new(request, Shard::WHOLE, sampling.state())
+            .same_bake(&snapshot)
+            .map_err(|why| BakeError::Input(format!("the checkpoint {why}")))?;
+        sampling.resume(snapshot.state, observer)?;
+    }
+    match request.target {
+        Target::AccuracyPercent(percent) => sampling.walk_to_accuracy(percent / 100.0, observer),
+        Target::Paths(paths) => sampling.walk_to_paths(paths, observer),
+        Target::Time(budget) => sampling.walk_for(budget, observer),
+    }
+}
+
+/// What a bake would cost, from a pilot of a few thousand paths per incidence.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Forecast {
+    /// Seconds of wall-clock time with the threads in use.
+    pub seconds: f64,
+    /// Paths over all incidences.
+    pub paths: u64,
+    /// Bytes of the table before compression.
+    pub bytes: u64,
+}
+
+/// Predicts the cost of a bake without doing it.
+///
+/// # Errors
+/// As [`walk`].
+pub fn forecast(request: &Request, observer: &Observer<'_>) -> Result<Forecast, BakeError> {
+    let (mut sampling, _, axis) = request.sampling(Shard::WHOLE)?;
+    let (seconds, paths) = sampling.forecast(request.target, observer)?;
+    let cells = axis.cells() as u64 * request.incident_deg.len() as u64;
+    // Three components of value, error and count, and four coordinates, four bytes each.
+    Ok(Forecast { seconds, paths, bytes: cells * 13 * 4 })
+}

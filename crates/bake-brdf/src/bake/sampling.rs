@@ -1,0 +1,412 @@
+//! The Monte Carlo side of a bake: which paths are walked, by whom, and when it is enough.
+
+use super::{BakeError, Observer, Progress, Request, Target};
+use crate::tally::{CHUNK, Cells, Tally};
+use crate::transport::{Geometry, Transport};
+use crate::walk::lanes::{Precision, Walker};
+use crate::walk::{Exit, Fate};
+use lut_io::axis::ExitAxis;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::sync::atomic::Ordering;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Paths that one task walks in one go: enough that draining the lanes at its end costs little.
+const BLOCK: u64 = 8 * CHUNK;
+/// Paths per incidence of the pilot that sizes the bake.
+const PILOT: u64 = 2 * CHUNK;
+/// Incidences and paths of an estimate that must cost next to nothing.
+const SCOUTS: usize = 5;
+const SCOUT_PATHS: u64 = 1024;
+/// Most paths per incidence: fixed-point sums have room for 1.7·10¹⁰.
+pub const MAX_PATHS: u64 = 10_000_000_000;
+/// A bake is sized so that its error bound is this share of what was asked for; the rest is left for the pilot's
+/// own error, so that a second round is rare.
+const AIM: f64 = 0.97;
+
+/// Paths of every incidence, walked so far.
+#[derive(Debug)]
+pub struct Sampling {
+    walker: Walker,
+    cells: Vec<Cells>,
+    theta_i: Vec<f64>,
+    seed: u64,
+    event_cap: u32,
+    shard: Shard,
+    state: State,
+    started: Instant,
+    /// Seconds and crossings before this process, for the rate.
+    before: (f64, u64),
+}
+
+/// All that has to survive for a bake to go on where it stopped.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct State {
+    /// One tally per incidence.
+    pub tallies: Vec<Tally>,
+    /// Path numbers below this are done (or belong to other shards), per incidence.
+    pub position: Vec<u64>,
+    /// Where the round in progress ends, per incidence.
+    pub targets: Vec<u64>,
+    /// Milliseconds spent.
+    pub milliseconds: u64,
+}
+
+/// Which blocks of paths a bake walks: those of shard `index` (from 1) of `count`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shard {
+    /// Number of this shard, 1 to `count`.
+    pub index: u32,
+    /// Shards in all.
+    pub count: u32,
+}
+
+impl Shard {
+    /// Everything in one bake.
+    pub const WHOLE: Self = Self { index: 1, count: 1 };
+
+    /// Blocks go round the shards, each incidence starting with the next one, so that every shard gets its share of
+    /// every incidence.
+    fn owns(self, incidence: usize, from: u64) -> bool {
+        (from / BLOCK + incidence as u64) % u64::from(self.count) == u64::from(self.index - 1)
+    }
+}
+
+/// One task: a run of path numbers of one incidence.
+#[derive(Clone, Copy, Debug)]
+struct Task {
+    incidence: usize,
+    from: u64,
+    to: u64,
+}
+
+impl Sampling {
+    /// Prepares the walk of `transport` at `theta_i` (radians) into the cells of `axis`.
+    ///
+    /// # Errors
+    /// The walk cannot be prepared for this stack.
+    pub fn new(
+        transport: &Transport,
+        geometry: Geometry,
+        axis: &ExitAxis,
+        theta_i: &[f64],
+        seed: u64,
+        event_cap: u32,
+        precision: Precision,
+        shard: Shard,
+    ) -> Result<Self, BakeError> {
+        let walker = Walker::new(transport, geometry, precision, None);
+        Ok(Self {
+            walker: walker.map_err(|why| BakeError::Input(why.to_string()))?,
+            cells: theta_i.iter().map(|&theta| Cells::new(axis, theta)).collect(),
+            theta_i: theta_i.to_vec(),
+            seed,
+            event_cap,
+            shard,
+            state: State {
+                tallies: vec![Tally::new(axis.cells()); theta_i.len()],
+                position: vec![0; theta_i.len()],
+                targets: vec![0; theta_i.len()],
+                milliseconds: 0,
+            },
+            started: Instant::now(),
+            before: (0.0, 0),
+        })
+    }
+
+    /// The tallies, one per incidence.
+    #[must_use]
+    pub fn tallies(&self) -> &[Tally] {
+        &self.state.tallies
+    }
+
+    /// What has to survive for the bake to go on later.
+    #[must_use]
+    pub fn state(&self) -> State {
+        State { milliseconds: (1000.0 * self.seconds()) as u64, ..self.state.clone() }
+    }
+
+    /// Goes on where `state` stopped: first to the end of the round that was in progress.
+    ///
+    /// # Errors
+    /// A state of other incidences or cells, or the observer asked to stop.
+    pub fn resume(&mut self, state: State, observer: &Observer<'_>) -> Result<(), BakeError> {
+        let incidences = self.theta_i.len();
+        let fits = state.tallies.len() == incidences
+            && state.position.len() == incidences
+            && state.targets.len() == incidences
+            && state.tallies.iter().all(|tally| tally.cells() == self.tally_cells());
+        if !fits {
+            return Err(BakeError::Input(
+                "the checkpoint holds other incidences or cells than this bake".to_owned(),
+            ));
+        }
+        self.before = (state.milliseconds as f64 / 1000.0, state.tallies.iter().map(|t| t.crossings).sum());
+        let targets = state.targets.clone();
+        self.state = state;
+        self.walk_to(&targets, observer)
+    }
+
+    /// Seconds spent, in this process and before it.
+    fn seconds(&self) -> f64 {
+        self.before.0 + self.started.elapsed().as_secs_f64()
+    }
+
+    /// Walks every incidence up to a number of paths.
+    ///
+    /// # Errors
+    /// The observer asked to stop.
+    pub fn walk_to_paths(&mut self, paths: u64, observer: &Observer<'_>) -> Result<(), BakeError> {
+        // Shards skip the pilot: it would not be a whole block.
+        if self.shard == Shard::WHOLE {
+            self.walk_pilot(paths.min(PILOT), observer)?;
+        }
+        let targets = vec![paths; self.theta_i.len()];
+        (observer.forecast)(self.seconds_to(&targets));
+        self.walk_to(&targets, observer)
+    }
+
+    /// Walks until the bound on the total variation of every incidence is at most `accuracy` (a share).
+    ///
+    /// Path counts are decided only from tallies at path counts decided before: a function of recipe, seed and
+    /// accuracy, not of time or threads.
+    ///
+    /// # Errors
+    /// The observer asked to stop, or the accuracy needs more than [`MAX_PATHS`].
+    pub fn walk_to_accuracy(&mut self, accuracy: f64, observer: &Observer<'_>) -> Result<(), BakeError> {
+        self.walk_pilot(PILOT, observer)?;
+        (observer.forecast)(self.seconds_to_accuracy(accuracy));
+        loop {
+            let targets: Vec<u64> =
+                self.state.tallies.iter().map(|tally| paths_for(tally, accuracy)).collect();
+            if let Some(&most) = targets.iter().max()
+                && most > MAX_PATHS
+            {
+                let percent = 100.0 * accuracy;
+                return Err(BakeError::Input(format!(
+                    "accuracy {percent} % needs {most:.1e} paths an incidence, more than {MAX_PATHS:.1e}; ask for less, or use --solver doubling"
+                )));
+            }
+            if targets.iter().zip(&self.state.tallies).all(|(&target, tally)| target <= tally.paths) {
+                return Ok(());
+            }
+            self.walk_to(&targets, observer)?;
+        }
+    }
+
+    /// Walks for about `budget` in all, sharing it so that every incidence ends with the same error.
+    ///
+    /// # Errors
+    /// The observer asked to stop.
+    pub fn walk_for(&mut self, budget: Duration, observer: &Observer<'_>) -> Result<(), BakeError> {
+        self.walk_pilot(PILOT, observer)?;
+        (observer.forecast)(budget.as_secs_f64() - self.seconds());
+        // Leaves room for writing the file; slices let the measured rate correct itself.
+        for slice in 0..64 {
+            let left = 0.97 * budget.as_secs_f64() - self.seconds();
+            if left < 0.01 * budget.as_secs_f64() {
+                break;
+            }
+            let affordable = left * if slice == 0 { 0.3 } else { 0.7 };
+            let targets = self.targets_for_seconds(affordable);
+            if targets.iter().zip(&self.state.tallies).all(|(&target, tally)| target <= tally.paths) {
+                break;
+            }
+            self.walk_to(&targets, observer)?;
+        }
+        Ok(())
+    }
+
+    /// Seconds and paths that a bake to `target` takes in all, from a pilot that this walks.
+    ///
+    /// # Errors
+    /// The observer asked to stop.
+    pub fn forecast(&mut self, target: Target, observer: &Observer<'_>) -> Result<(f64, u64), BakeError> {
+        self.walk_pilot(PILOT, observer)?;
+        let targets: Vec<u64> = match target {
+            Target::AccuracyPercent(percent) => {
+                self.state.tallies.iter().map(|tally| paths_for(tally, percent / 100.0)).collect()
+            }
+            Target::Paths(paths) => vec![paths; self.theta_i.len()],
+            Target::Time(budget) => self.targets_for_seconds(budget.as_secs_f64()),
+        };
+        let seconds = self.seconds() + self.seconds_to(&targets);
+        Ok((seconds, targets.iter().fold(0, |sum: u64, &paths| sum.saturating_add(paths))))
+    }
+
+    /// Arithmetic that the walk uses, `f32` or `f64`.
+    #[must_use]
+    pub fn precision(&self) -> &'static str {
+        match self.walker.precision() {
+            Precision::F64 => "f64",
+            _ => "f32",
+        }
+    }
+
+    /// Seconds that walking to `accuracy` will still take, from the rate so far.
+    fn seconds_to_accuracy(&self, accuracy: f64) -> f64 {
+        let targets: Vec<u64> = self.state.tallies.iter().map(|tally| paths_for(tally, accuracy)).collect();
+        self.seconds_to(&targets)
+    }
+
+    /// Walks the pilot that every decision and prediction starts from.
+    fn walk_pilot(&mut self, paths: u64, observer: &Observer<'_>) -> Result<(), BakeError> {
+        if self.state.position.iter().any(|&position| position > 0) {
+            return Ok(()); // resumed
+        }
+        let targets = vec![paths; self.theta_i.len()];
+        self.walk_to(&targets, observer)
+    }
+
+    fn crossings(&self) -> u64 {
+        self.state.tallies.iter().map(|tally| tally.crossings).sum()
+    }
+
+    fn crossings_to(&self, targets: &[u64]) -> f64 {
+        let incidences = self.state.tallies.iter().zip(&self.state.position).zip(targets);
+        let each = incidences.map(|((tally, &position), &target)| {
+            target.saturating_sub(position) as f64 * tally.crossings as f64 / tally.paths.max(1) as f64
+        });
+        each.sum::<f64>() / f64::from(self.shard.count)
+    }
+
+    fn seconds_to(&self, targets: &[u64]) -> f64 {
+        let rate = self.crossings() as f64 / self.seconds();
+        if rate > 0.0 { self.crossings_to(targets) / rate } else { 0.0 }
+    }
+
+    /// Paths proportional to (error·√paths)² that take `seconds` more.
+    fn targets_for_seconds(&self, seconds: f64) -> Vec<u64> {
+        let needs: Vec<f64> =
+            self.state.tallies.iter().map(|t| t.total_variation_bound().powi(2) * t.paths as f64).collect();
+        let scaled = |factor: f64| -> Vec<u64> {
+            let target = |(need, tally): (&f64, &Tally)| {
+                let chunks = (factor * need / CHUNK as f64).min(MAX_PATHS as f64 / CHUNK as f64) as u64;
+                (chunks * CHUNK).max(tally.paths)
+            };
+            needs.iter().zip(&self.state.tallies).map(target).collect()
+        };
+        // seconds_to is monotonic in the factor: bisect on its logarithm.
+        let (mut lo, mut hi) = (0.0_f64, 60.0_f64);
+        for _ in 0..60 {
+            let middle = 0.5 * (lo + hi);
+            if self.seconds_to(&scaled(middle.exp())) > seconds { hi = middle } else { lo = middle }
+        }
+        scaled(lo.exp())
+    }
+
+    /// Walks every incidence to its target, in slices after which the state is whole and can be kept.
+    fn walk_to(&mut self, targets: &[u64], observer: &Observer<'_>) -> Result<(), BakeError> {
+        let mut tasks = Vec::new();
+        for (incidence, (&position, &target)) in self.state.position.iter().zip(targets).enumerate() {
+            // A chunk is never split between two rounds: its sums are rounded once.
+            debug_assert!(position >= target || position.is_multiple_of(CHUNK));
+            let mut from = position;
+            while from < target {
+                let to = target.min((from / BLOCK + 1) * BLOCK);
+                if self.shard.owns(incidence, from) {
+                    tasks.push(Task { incidence, from, to });
+                }
+                from = to;
+            }
+        }
+        self.state.targets = targets.to_vec();
+        let expected = self.crossings() as f64 + self.crossings_to(targets);
+        let mut kept = Instant::now();
+        let mut left = tasks.as_slice();
+        while !left.is_empty() {
+            let (slice, rest) = left.split_at(left.len().min(self.tasks_per_slice()));
+            self.walk_slice(slice, expected, observer)?;
+            left = rest;
+            if let Some(checkpoint) = &observer.checkpoint
+                && kept.elapsed() >= checkpoint.every
+            {
+                (checkpoint.keep)(&self.state());
+                kept = Instant::now();
+            }
+        }
+        for (position, &target) in self.state.position.iter_mut().zip(targets) {
+            *position = (*position).max(target);
+        }
+        Ok(())
+    }
+
+    /// About half a second's worth of blocks; a few for every thread, so that none waits long at the end of a slice.
+    fn tasks_per_slice(&self) -> usize {
+        let paths: u64 = self.state.tallies.iter().map(|tally| tally.paths).sum();
+        let walked = self.crossings().saturating_sub(self.before.1) as f64;
+        let paths_per_second =
+            paths as f64 * walked / self.crossings().max(1) as f64 / self.started.elapsed().as_secs_f64();
+        ((0.5 * paths_per_second / BLOCK as f64) as usize).max(8 * rayon::current_num_threads())
+    }
+
+    /// Walks a slice of tasks whole; if it is interrupted the state stays as it was before the slice.
+    fn walk_slice(
+        &mut self,
+        slice: &[Task],
+        expected: f64,
+        observer: &Observer<'_>,
+    ) -> Result<(), BakeError> {
+        let walked = Mutex::new(self.state.tallies.clone());
+        slice.par_iter().try_for_each(|task| {
+            if observer.stop.load(Ordering::Relaxed) {
+                return Err(BakeError::Interrupted);
+            }
+            let tally = self.walk_task(task);
+            let mut tallies = walked.lock().unwrap_or_else(PoisonError::into_inner);
+            tallies[task.incidence].add(&tally);
+            (observer.progress)(&Progress { tallies: &tallies, expected_crossings: expected });
+            Ok(())
+        })?;
+        self.state.tallies = walked.into_inner().unwrap_or_else(PoisonError::into_inner);
+        for task in slice {
+            self.state.position[task.incidence] = task.to;
+        }
+        Ok(())
+    }
+
+    fn walk_task(&self, task: &Task) -> Tally {
+        let cells = &self.cells[task.incidence];
+        let empty = Exit { direction: [0.0; 3], weight: 0.0, fate: Fate::Truncated };
+        let mut exits = vec![empty; (task.to - task.from) as usize];
+        let theta_i = self.theta_i[task.incidence];
+        let mut tally = Tally::new(self.tally_cells());
+        tally.crossings = self.walker.run(theta_i, self.seed, task.from..task.to, self.event_cap, &mut exits);
+        for chunk in exits.chunks(CHUNK as usize) {
+            tally.add_chunk(cells, chunk);
+        }
+        tally
+    }
+
+    fn tally_cells(&self) -> usize {
+        self.cells.first().map_or(0, Cells::count)
+    }
+}
+
+/// Paths, a multiple of [`CHUNK`], at which the bound on the total variation reaches `accuracy`.
+fn paths_for(tally: &Tally, accuracy: f64) -> u64 {
+    let bound = tally.total_variation_bound();
+    if bound <= accuracy {
+        return tally.paths;
+    }
+    let factor = (bound / (AIM * accuracy)).powi(2);
+    let chunks = (tally.paths as f64 * factor / CHUNK as f64).ceil();
+    // Casts of floats saturate.
+    (chunks as u64).saturating_mul(CHUNK)
+}
+
+/// Seconds that a walk to `accuracy` (a share) would take with the threads in use, from a few hundred paths at a few
+/// incidences: good to about a quarter, and done in milliseconds.
+pub(super) fn estimate_seconds(request: &Request, accuracy: f64) -> Result<f64, BakeError> {
+    let angles = &request.incident_deg;
+    let every = angles.len().div_ceil(SCOUTS);
+    let few: Vec<f64> = angles.iter().copied().step_by(every).collect();
+    let share = angles.len() as f64 / few.len() as f64;
+    let scouted = Request { incident_deg: few, ..request.clone() };
+    let (mut sampling, _, _) = scouted.sampling(Shard::WHOLE)?;
+    sampling.walk_pilot(SCOUT_PATHS, &Observer::idle())?;
+    let targets: Vec<u64> = sampling.state.tallies.iter().map(|tally| paths_for(tally, accuracy)).collect();
+    // Few paths leave the lanes half empty: the rate of a long walk is about twice that of the scouts.
+    Ok(0.5 * share * sampling.seconds_to(&targets))
+}

@@ -1,0 +1,283 @@
+//! Checkpoints and shards on disk: the state of a bake with the request that it belongs to.
+//!
+//! Layout: the magic `nacre-state/1\n`, a little-endian u32 CRC-32 of what follows, then the [`Snapshot`] in the
+//! postcard encoding. Sums are integers, so a bake that goes on from a snapshot, or shards that are merged, give
+//! the same bits as one uninterrupted bake.
+
+use super::sampling::{Sampling, Shard, State};
+use super::{BakeError, Observer, Request, Target, assemble};
+use crate::walk::lanes::Precision;
+use lut_io::table::Table;
+use serde::{Deserialize, Serialize};
+use std::io;
+use std::path::Path;
+
+const MAGIC: &[u8] = b"nacre-state/1\n";
+/// Longest snapshot that is read, bytes.
+const MAX_BYTES: u64 = 1 << 32;
+
+/// The state of a bake, whole or one shard of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Snapshot {
+    /// `crate version` of the writer: other versions may draw other numbers.
+    pub writer: String,
+    /// What is baked (the recipe as JSON text).
+    pub recipe: String,
+    /// Angles of incidence, degrees.
+    pub incident_deg: Vec<f64>,
+    /// When the bake is finished.
+    pub target: Target,
+    /// Seed of the walk.
+    pub seed: u64,
+    /// Event cap of a path.
+    pub event_cap: u32,
+    /// `auto`, `f32` or `f64`.
+    pub precision: Precision,
+    /// Which part of the bake this is.
+    pub shard: Shard,
+    /// What has been walked.
+    pub state: State,
+}
+
+/// Why a snapshot cannot be used; one line.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SnapshotError {
+    /// The file cannot be read or written.
+    #[error("{0}")]
+    Io(#[from] io::Error),
+    /// Not a snapshot, or a damaged one.
+    #[error("not a usable bake state: {0}")]
+    Damaged(String),
+    /// A snapshot of another bake.
+    #[error("belongs to another bake: {0} differs")]
+    Other(&'static str),
+}
+
+fn writer() -> String {
+    concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned()
+}
+
+impl Snapshot {
+    /// The state of `request`'s bake.
+    #[must_use]
+    pub fn new(request: &Request, shard: Shard, state: State) -> Self {
+        Self {
+            writer: writer(),
+            recipe: request.recipe.to_json().to_string(),
+            incident_deg: request.incident_deg.clone(),
+            target: request.target,
+            seed: request.seed,
+            event_cap: request.event_cap,
+            precision: request.precision,
+            shard,
+            state,
+        }
+    }
+
+    /// The request that the snapshot belongs to.
+    ///
+    /// # Errors
+    /// The recipe inside is not valid.
+    pub fn request(&self) -> Result<Request, SnapshotError> {
+        let recipe = crate::recipe::Recipe::from_json(&self.recipe)
+            .map_err(|why| SnapshotError::Damaged(format!("its recipe: {why}")))?;
+        Ok(Request {
+            recipe,
+            incident_deg: self.incident_deg.clone(),
+            target: self.target,
+            seed: self.seed,
+            event_cap: self.event_cap,
+            precision: self.precision,
+        })
+    }
+
+    /// Whether `other` is a part of the same bake; names the first difference.
+    ///
+    /// # Errors
+    /// [`SnapshotError::Other`].
+    pub fn same_bake(&self, other: &Self) -> Result<(), SnapshotError> {
+        let differences = [
+            (self.writer == other.writer, "the version of bake-brdf"),
+            (self.recipe == other.recipe, "the recipe"),
+            (self.incident_deg == other.incident_deg, "the list of incidences"),
+            (self.target == other.target, "the accuracy, path count or time"),
+            (self.seed == other.seed, "the seed"),
+            (self.event_cap == other.event_cap, "the event cap"),
+            (self.precision == other.precision, "the precision"),
+            (self.shard.count == other.shard.count, "the number of shards"),
+        ];
+        match differences.iter().find(|(same, _)| !same) {
+            Some((_, what)) => Err(SnapshotError::Other(what)),
+            None => Ok(()),
+        }
+    }
+
+    /// Writes the snapshot; the file appears whole or not at all.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), SnapshotError> {
+        let body = postcard::to_stdvec(self).map_err(|why| SnapshotError::Damaged(why.to_string()))?;
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend(crc32fast::hash(&body).to_le_bytes());
+        bytes.extend(body);
+        Ok(lut_io::atomic::write(path, &bytes)?)
+    }
+
+    /// Reads a snapshot.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is not a whole snapshot.
+    pub fn read(path: &Path) -> Result<Self, SnapshotError> {
+        if std::fs::metadata(path)?.len() > MAX_BYTES {
+            return Err(SnapshotError::Damaged(format!("longer than {MAX_BYTES} bytes")));
+        }
+        Self::decode(&std::fs::read(path)?)
+    }
+
+    /// Decodes the bytes of a snapshot file.
+    ///
+    /// # Errors
+    /// Not a whole snapshot.
+    pub fn decode(bytes: &[u8]) -> Result<Self, SnapshotError> {
+        let damaged = |why: &str| SnapshotError::Damaged(why.to_owned());
+        let rest =
+            bytes.strip_prefix(MAGIC).ok_or_else(|| damaged("it does not start with nacre-state/1"))?;
+        let (crc, body) = rest.split_first_chunk::<4>().ok_or_else(|| damaged("it is cut short"))?;
+        if crc32fast::hash(body) != u32::from_le_bytes(*crc) {
+            return Err(damaged("its checksum is wrong (cut short or altered)"));
+        }
+        let snapshot: Self = postcard::from_bytes(body).map_err(|why| damaged(&why.to_string()))?;
+        if snapshot.shard.index == 0 || snapshot.shard.index > snapshot.shard.count {
+            return Err(damaged("its shard number is out of range"));
+        }
+        Ok(snapshot)
+    }
+}
+
+/// The table of all shards of one bake, in any order.
+///
+/// # Errors
+/// A shard is missing, doubled or of another bake; the error starts with the name of the shard at fault.
+pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
+    let refuse = |line: String| Err(BakeError::Input(line));
+    let Some((first_name, first)) = shards.first() else {
+        return refuse("no shards to merge".to_owned());
+    };
+    let mut seen: Vec<Option<&str>> = vec![None; first.shard.count as usize];
+    for (name, shard) in shards {
+        if let Err(why) = first.same_bake(shard) {
+            return refuse(format!("{name}: {why} (compared with {first_name})"));
+        }
+        let place = &mut seen[shard.shard.index as usize - 1];
+        if let Some(other) = place {
+            return refuse(format!("{name}: shard {} again; {other} is the same", shard.shard.index));
+        }
+        *place = Some(name);
+        if shard.state.position != shard.state.targets {
+            return refuse(format!("{name}: shard {} is not finished; resume it", shard.shard.index));
+        }
+    }
+    let missing: Vec<String> =
+        seen.iter().zip(1..).filter(|(place, _)| place.is_none()).map(|(_, i)| format!("{i}")).collect();
+    if !missing.is_empty() {
+        return refuse(format!("shard {} of {} missing", missing.join(", "), first.shard.count));
+    }
+    let request = first.request().map_err(|why| BakeError::Input(format!("{first_name}: {why}")))?;
+    let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    let mut state = first.state.clone();
+    for (name, shard) in &shards[1..] {
+        for (sum, tally) in state.tallies.iter_mut().zip(&shard.state.tallies) {
+            if sum.cells() != tally.cells() {
+                return refuse(format!("{name}: its tallies have other cells than those of {first_name}"));
+            }
+            sum.add(tally);
+        }
+    }
+    let idle = Observer::idle();
+    sampling.resume(state, &idle)?;
+    Ok(assemble::walk_table(&request, &transport, &axis, &sampling))
+}
+
+/// Walks one shard of a bake and gives its snapshot.
+///
+/// # Errors
+/// As [`super::walk`]; a shard needs a path count.
+pub fn walk_shard(request: &Request, shard: Shard, observer: &Observer<'_>) -> Result<Snapshot, BakeError> {
+    let Target::Paths(paths) = request.target else {
+        return Err(BakeError::Input(
+            "a shard needs --paths: the path counts of an accuracy or a time follow from whole tallies"
+                .to_owned(),
+        ));
+    };
+    if shard.index == 0 || shard.index > shard.count {
+        let Shard { index, count } = shard;
+        return Err(BakeError::Input(format!(
+            "shard: {index}/{count} is out of range; expected 1/{count} to {count}/{count}"
+        )));
+    }
+    let (mut sampling, _, _): (Sampling, _, _) = request.sampling(shard)?;
+    sampling.walk_to_paths(paths, observer)?;
+    Ok(Snapshot::new(request, shard, sampling.state()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn request(paths: u64) -> Request {
+        Request {
+            recipe: crate::recipe::Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap(),
+            incident_deg: vec![0.0, 40.0, 80.0],
+            target: Target::Paths(paths),
+            seed: 3,
+            event_cap: 1000,
+            precision: Precision::Auto,
+        }
+    }
+
+    fn shards(paths: u64, count: u32) -> Vec<(String, Snapshot)> {
+        let request = request(paths);
+        let one = |index| walk_shard(&request, Shard { index, count }, &Observer::idle()).unwrap();
+        (1..=count).map(|index| (format!("s{index}"), one(index))).collect()
+    }
+
+    #[test]
+    fn any_split_and_order_of_shards_gives_the_bits_of_one_bake() {
+        let whole = super::super::walk(&request(150_001), &Observer::idle(), None).unwrap();
+        for count in [1, 2, 7, 64] {
+            let mut parts = shards(150_001, count);
+            parts.reverse();
+            assert_eq!(merge(&parts).unwrap(), whole, "{count} shards");
+        }
+    }
+
+    #[test]
+    fn a_missing_doubled_or_foreign_shard_is_named() {
+        let parts = shards(40_000, 3);
+        let refusal = |parts: &[(String, Snapshot)]| merge(parts).unwrap_err().to_string();
+        assert!(refusal(&parts[..2]).contains("shard 3 of 3 missing"));
+        let doubled = [parts.as_slice(), &parts[1..2]].concat();
+        assert!(refusal(&doubled).contains("s2: shard 2 again"));
+        let mut foreign = parts.clone();
+        foreign[1].1.recipe = crate::recipe::Recipe::default().to_json().to_string();
+        assert!(refusal(&foreign).contains("s2: belongs to another bake: the recipe differs"));
+    }
+
+    proptest! {
+        #[test]
+        fn damage_is_noticed(flip in 0_usize..400, bit in 0_u8..8) {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("s");
+            let snapshot = walk_shard(&request(10), Shard::WHOLE, &Observer::idle()).unwrap();
+            snapshot.write(&path).unwrap();
+            prop_assert_eq!(&Snapshot::read(&path).unwrap(), &snapshot);
+            let mut bytes = std::fs::read(&path).unwrap();
+            bytes[flip] ^= 1 << bit;
+            prop_assert!(Snapshot::decode(&bytes).is_err());
+            prop_assert!(Snapshot::decode(&bytes[..flip]).is_err());
+        }
+    }
+}

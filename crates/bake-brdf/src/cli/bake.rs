@@ -1,0 +1,447 @@
+//! `bake-brdf bake`.
+
+use super::{Manners, manners};
+use bake_brdf::bake::sampling::{Shard, State};
+use bake_brdf::bake::snapshot::{self, Snapshot};
+use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, SolverChoice, Target};
+use bake_brdf::recipe::{self, AzimuthMode, Recipe};
+use bake_brdf::walk::lanes::Precision;
+use lut_io::table::{Solver, Table};
+use serde_json::json;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+use terminal::{Outcome, Stop};
+
+/// Accuracy of a bake that asks for none, per cent: about half a minute for the paper's pearl on two cores.
+const DEFAULT_ACCURACY_PERCENT: f64 = 1.0;
+
+/// Least time between two checkpoints: what a SIGKILL can cost.
+const CHECKPOINT_EVERY: Duration = Duration::from_secs(1);
+/// Most shards of a bake.
+const MOST_SHARDS: u32 = 100_000;
+
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct BakeArgs {
+    /// Recipe (JSON) [default: the paper's pearl].
+    recipe: Option<PathBuf>,
+    /// Table to write [default: pearl.exr; with --shard: pearl-I-of-N.shard].
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Who solves: the Monte Carlo walk, the deterministic doubling, or whichever is cheaper.
+    #[arg(long, value_enum, default_value = "walk")]
+    solver: SolverArg,
+    /// Total variation to reach at the worst incidence, per cent of the reflected light [default: 1].
+    #[arg(long, value_name = "PERCENT", group = "target")]
+    accuracy: Option<f64>,
+    /// Paths per incidence.
+    #[arg(long, value_name = "N", group = "target")]
+    paths: Option<u64>,
+    /// Wall-clock time to spend.
+    #[arg(long, value_name = "SECONDS", group = "target")]
+    time_budget: Option<f64>,
+    /// Seed: the same seed gives the same file.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// Azimuth mode, in place of the recipe's.
+    #[arg(long, value_enum)]
+    azimuth: Option<AzimuthArg>,
+    /// Angles of incidence in degrees: numbers and FROM:TO:STEP, separated by commas [default: 0:90:1].
+    #[arg(long, value_name = "LIST")]
+    incident_deg: Option<String>,
+    /// Events after which a path is given up and booked as truncated.
+    #[arg(long, value_name = "N", default_value_t = bake::DEFAULT_EVENT_CAP)]
+    event_cap: u32,
+    /// Arithmetic of the walk's geometry; auto takes 32 bits where that is harmless.
+    #[arg(long, value_enum, default_value = "auto")]
+    precision: PrecisionArg,
+    /// Keep a checkpoint beside the output (OUTPUT.checkpoint) from the start; without this flag, only when the bake is
+    /// expected to take more than a minute. It is removed when the table is written.
+    #[arg(long, conflicts_with = "shard")]
+    checkpoint: bool,
+    /// Go on from the checkpoint beside the output; start afresh where there is none.
+    #[arg(long, conflicts_with = "shard")]
+    resume: bool,
+    /// Walk one share of the paths and write its state; `lut merge` makes the table of all shares.
+    #[arg(long, value_name = "I/N", requires = "paths")]
+    shard: Option<String>,
+    /// Say what the bake would cost and write nothing.
+    #[arg(long)]
+    dry_run: bool,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum SolverArg {
+    Walk,
+    Doubling,
+    Auto,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum PrecisionArg {
+    Auto,
+    F32,
+    F64,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum AzimuthArg {
+    Decay,
+    Walk,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
+    let request = request(args)?;
+    request.check().map_err(stop)?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(manners.threads.unwrap_or(0).into()).build();
+    let pool = pool.map_err(Stop::failure)?;
+    if args.dry_run {
+        return pool.install(|| dry_run(&request, manners));
+    }
+    let shard = args.shard.as_deref().map(parse_shard).transpose()?;
+    let output = args.output.clone().unwrap_or_else(|| match shard {
+        None => "pearl.exr".into(),
+        Some(Shard { index, count }) => format!("pearl-{index}-of-{count}.shard").into(),
+    });
+    writable(&output)?;
+    manners::watch_for_interrupts()?;
+    let started = Instant::now();
+    if let Some(shard) = shard {
+        let snapshot = pool
+            .install(|| watched(manners, None, |observer| snapshot::walk_shard(&request, shard, observer)))?;
+        return snapshot.write(&output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())));
+    }
+    let keeper = Keeper::new(&output, args.checkpoint, &request);
+    let table = if pool.install(|| choose(args, &request, manners))? == SolverChoice::Doubling {
+        pool.install(|| bake::doubling(&request)).map_err(stop)?
+    } else {
+        let resume = if args.resume { keeper.load(manners)? } else { None };
+        pool.install(|| watched(manners, Some(&keeper), |observer| bake::walk(&request, observer, resume)))?
+    };
+    lut_io::exr_file::write(&table, &output).map_err(|why| Stop::failure(why.to_string()))?;
+    keeper.remove();
+    let seconds = started.elapsed().as_secs_f64();
+    if manners.json {
+        return terminal::print_json(&report(&table, &output, seconds));
+    }
+    terminal::print(&summary(&table, &output, seconds))
+}
+
+/// The solver asked for, or the cheaper one with the reason on stderr.
+fn choose(args: &BakeArgs, request: &Request, manners: &Manners) -> Result<SolverChoice, Stop> {
+    match args.solver {
+        SolverArg::Walk => Ok(SolverChoice::Walk),
+        SolverArg::Doubling => Ok(SolverChoice::Doubling),
+        SolverArg::Auto => {
+            let (choice, reason) = bake::choose_solver(request).map_err(stop)?;
+            if !manners.quiet {
+                let name = if choice == SolverChoice::Doubling { "doubling" } else { "walk" };
+                say(&format!("solver {name}: {reason}"));
+            }
+            Ok(choice)
+        }
+    }
+}
+
+fn parse_shard(text: &str) -> Result<Shard, Stop> {
+    let parsed = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+    match parsed {
+        Some((index, count)) if (1..=count).contains(&index) && count <= MOST_SHARDS => {
+            Ok(Shard { index, count })
+        }
+        _ => Err(Stop::BadInput(format!("--shard: {text:?} is not I/N with 1 <= I <= N <= {MOST_SHARDS}"))),
+    }
+}
+
+/// The checkpoint beside an output.
+struct Keeper<'a> {
+    path: PathBuf,
+    request: &'a Request,
+    /// Set from the start by `--checkpoint`, or by a forecast of more than a minute.
+    on: AtomicBool,
+    failed: AtomicBool,
+}
+
+impl<'a> Keeper<'a> {
+    fn new(output: &Path, from_the_start: bool, request: &'a Request) -> Self {
+        let mut path = output.as_os_str().to_owned();
+        path.push(".checkpoint");
+        Self {
+            path: path.into(),
+            request,
+            on: AtomicBool::new(from_the_start),
+            failed: AtomicBool::new(false),
+        }
+    }
+
+    fn load(&self, manners: &Manners) -> Result<Option<Snapshot>, Stop> {
+        self.on.store(true, Ordering::Relaxed);
+        if !self.path.exists() {
+            if !manners.quiet {
+                say(&format!("{}: no checkpoint; starting afresh", self.path.display()));
+            }
+            return Ok(None);
+        }
+        let snapshot = Snapshot::read(&self.path)
+            .map_err(|why| Stop::BadInput(format!("{}: {why}", self.path.display())))?;
+        let here = Snapshot::new(self.request, Shard::WHOLE, snapshot.state.clone());
+        here.same_bake(&snapshot).map_err(|why| Stop::BadInput(format!("{}: {why}", self.path.display())))?;
+        Ok(Some(snapshot))
+    }
+
+    fn keep(&self, state: &State) {
+        if !self.on.load(Ordering::Relaxed) {
+            return;
+        }
+        let snapshot = Snapshot::new(self.request, Shard::WHOLE, state.clone());
+        // A full disk need not end a bake that is still going well: said once, tried again next time.
+        if let Err(why) = snapshot.write(&self.path)
+            && !self.failed.swap(true, Ordering::Relaxed)
+        {
+            say(&format!("{}: no checkpoint kept: {why}", self.path.display()));
+        }
+    }
+
+    fn remove(&self) {
+        if self.on.load(Ordering::Relaxed) {
+            // It may never have been written.
+            let _ = std::fs::remove_file(&self.path);
+        }
+    }
+}
+
+fn request(args: &BakeArgs) -> Result<Request, Stop> {
+    let mut recipe = match &args.recipe {
+        None => Recipe::default(),
+        Some(path) => Recipe::from_json(&manners::read_text(path, recipe::MAX_BYTES)?)
+            .map_err(|why| Stop::BadInput(format!("{}: {why}", path.display())))?,
+    };
+    if let Some(mode) = args.azimuth {
+        recipe.azimuth.mode = match mode {
+            AzimuthArg::Decay => AzimuthMode::Decay,
+            AzimuthArg::Walk => AzimuthMode::Walk,
+        };
+    }
+    Ok(Request {
+        recipe,
+        incident_deg: match &args.incident_deg {
+            None => bake::default_incident_deg(),
+            Some(list) => angles(list)?,
+        },
+        target: match (args.accuracy, args.paths, args.time_budget) {
+            (_, Some(paths), _) => Target::Paths(paths),
+            (_, _, Some(seconds)) => Target::Time(budget(seconds)?),
+            (accuracy, _, _) => Target::AccuracyPercent(accuracy.unwrap_or(DEFAULT_ACCURACY_PERCENT)),
+        },
+        seed: args.seed,
+        event_cap: args.event_cap,
+        precision: match args.precision {
+            PrecisionArg::Auto => Precision::Auto,
+            PrecisionArg::F32 => Precision::F32,
+            PrecisionArg::F64 => Precision::F64,
+        },
+    })
+}
+
+fn budget(seconds: f64) -> Result<Duration, Stop> {
+    if seconds > 0.0 && seconds <= 1e9 {
+        return Ok(Duration::from_secs_f64(seconds));
+    }
+    Err(Stop::BadInput(format!("--time-budget: {seconds} is not a time; expected seconds, more than 0")))
+}
+
+/// Parses `0:90:10,45` into ascending distinct angles.
+pub(super) fn angles(list: &str) -> Result<Vec<f64>, Stop> {
+    const MOST: f64 = 1e5;
+    let refuse = |item: &str| {
+        Stop::BadInput(format!(
+            "--incident-deg: {item:?} is not an angle or FROM:TO:STEP in degrees, 0 to 90"
+        ))
+    };
+    let number = |text: &str, item: &str| text.trim().parse::<f64>().map_err(|_| refuse(item));
+    let mut angles = Vec::new();
+    for item in list.split(',') {
+        let parts: Vec<&str> = item.split(':').collect();
+        match parts.as_slice() {
+            [one] => angles.push(number(one, item)?),
+            [from, to, step] => {
+                let (from, to, step) = (number(from, item)?, number(to, item)?, number(step, item)?);
+                let steps = ((to - from) / step + 1e-9).floor();
+                if !(step > 0.0 && (0.0..MOST).contains(&steps)) {
+                    return Err(refuse(item));
+                }
+                angles.extend((0..=steps as u32).map(|i| from + f64::from(i) * step));
+            }
+            _ => return Err(refuse(item)),
+        }
+    }
+    if let Some(bad) = angles.iter().find(|angle| !(0.0..=90.0).contains(*angle)) {
+        return Err(refuse(&bad.to_string()));
+    }
+    angles.sort_by(f64::total_cmp);
+    angles.dedup();
+    Ok(angles)
+}
+
+pub(super) fn stop(error: BakeError) -> Stop {
+    match error {
+        BakeError::Interrupted => Stop::failure(error),
+        _ => Stop::bad_input(error),
+    }
+}
+
+/// Finds out that the output cannot be written before the work rather than after it.
+fn writable(output: &Path) -> Outcome {
+    let folder = match output.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let named = |why: String| Stop::failure(format!("{}: cannot be written: {why}", output.display()));
+    if output.is_dir() {
+        return Err(named("it is a folder; name a file".to_owned()));
+    }
+    tempfile::NamedTempFile::new_in(folder).map(drop).map_err(|error| named(error.to_string()))
+}
+
+/// Runs a bake with a progress bar, a forecast and, where there is a keeper, checkpoints.
+fn watched<T>(
+    manners: &Manners,
+    keeper: Option<&Keeper<'_>>,
+    work: impl FnOnce(&Observer<'_>) -> Result<T, BakeError>,
+) -> Result<T, Stop> {
+    let bar = manners::progress_bar(manners.quiet);
+    let said = AtomicU64::new(0);
+    let started = Instant::now();
+    let progress = |progress: &Progress<'_>| {
+        let done = progress.crossings() as f64 / progress.expected_crossings.max(1.0);
+        bar.set_position((1000.0 * done) as u64);
+        // The error sums over all cells of all incidences: four times a second is enough.
+        let tick = started.elapsed().as_millis() as u64 / 250;
+        if !bar.is_hidden() && said.fetch_max(tick, Ordering::Relaxed) < tick {
+            bar.set_message(format!("{:.2} %", progress.error_percent()));
+        }
+    };
+    let forecast = |seconds: f64| {
+        if let Some(keeper) = keeper
+            && seconds > 60.0
+        {
+            keeper.on.store(true, Ordering::Relaxed);
+        }
+        if !manners.quiet {
+            bar.suspend(|| say(&format!("expected to take {}", manners::seconds_text(seconds))));
+            bar.reset();
+        }
+    };
+    let keep = |state: &State| {
+        if let Some(keeper) = keeper {
+            keeper.keep(state);
+        }
+    };
+    let checkpoint = Some(Checkpoint { every: CHECKPOINT_EVERY, keep: &keep });
+    let observer =
+        Observer { stop: &manners::INTERRUPTED, progress: &progress, forecast: &forecast, checkpoint };
+    let result = work(&observer).map_err(stop);
+    bar.finish_and_clear();
+    result
+}
+
+#[allow(clippy::print_stderr)] // the tool's voice
+pub(super) fn say(line: &str) {
+    eprintln!("bake-brdf: {line}");
+}
+
+fn dry_run(request: &Request, manners: &Manners) -> Outcome {
+    let forecast = bake::forecast(request, &Observer::idle()).map_err(stop)?;
+    if manners.json {
+        return terminal::print_json(&json!({
+            "schema": "bake-forecast/1",
+            "seconds": forecast.seconds,
+            "paths": forecast.paths,
+            "bytes": forecast.bytes,
+            "incidences": request.incident_deg.len(),
+        }));
+    }
+    terminal::print(&format!(
+        "{}: {} incidences, {:.2e} paths, about {}, at most {:.1} MB; nothing written\n",
+        request.recipe.name,
+        request.incident_deg.len(),
+        forecast.paths as f64,
+        manners::seconds_text(forecast.seconds),
+        forecast.bytes as f64 / 1e6,
+    ))
+}
+
+fn report(table: &Table, output: &Path, seconds: f64) -> serde_json::Value {
+    json!({
+        "schema": "bake-report/1",
+        "output": output.display().to_string(),
+        "seconds": seconds,
+        "seed": table.meta.seed,
+        "solver": table.meta.solver,
+        "solver_settings": table.meta.solver_settings,
+        "accuracy": table.meta.accuracy,
+        "paths": table.meta.per_incidence.iter().map(|incidence| incidence.paths).sum::<u64>(),
+        "per_incidence": table.meta.per_incidence,
+    })
+}
+
+/// A readable summary: a handful of incidences, the accuracy reached.
+fn summary(table: &Table, output: &Path, seconds: f64) -> String {
+    let meta = &table.meta;
+    let name = meta.recipe.get("name").and_then(|name| name.as_str()).unwrap_or_default();
+    let paths: u64 = meta.per_incidence.iter().map(|incidence| incidence.paths).sum();
+    let how = match meta.solver {
+        Solver::Walk => format!("{:.2e} paths", paths as f64),
+        Solver::Doubling => "doubling".to_owned(),
+    };
+    let mut text = format!("{name}: {how} in {}\n\n", manners::seconds_text(seconds));
+    text.push_str("   θi   albedo            surface  transmitted  absorbed  mean θo   sd θo   skew\n");
+    let every = meta.per_incidence.len().div_ceil(10);
+    for row in meta.per_incidence.iter().step_by(every) {
+        let _ = writeln!(
+            text,
+            "{:>5}° {:.5} ± {:.5}  {:.5}      {:.5}   {:.5}  {:>6.2}°  {:>5.2}°  {:>5.2}",
+            row.theta_i_deg,
+            row.albedo,
+            row.std_error.albedo,
+            row.surface,
+            row.transmitted,
+            row.absorbed,
+            row.mean_theta_o_deg,
+            row.sd_theta_o_deg,
+            row.skew_theta_o,
+        );
+    }
+    let accuracy = &meta.accuracy;
+    let asked = accuracy.asked_percent.map_or(String::new(), |asked| format!(" (asked: {asked} %)"));
+    let _ = writeln!(
+        text,
+        "\ntotal variation ≤ {:.2} %{asked}, worst at {}°; reading between incidences adds ≈ {:.2} %\nwritten: {}",
+        accuracy.reached_percent,
+        accuracy.worst_theta_i_deg,
+        accuracy.interpolation_percent,
+        output.display(),
+    );
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_of_angles_take_numbers_and_ranges() {
+        assert_eq!(angles("0:90:30,45,30").unwrap(), [0.0, 30.0, 45.0, 60.0, 90.0]);
+        assert_eq!(angles("89.9").unwrap(), [89.9]);
+        assert_eq!(angles("0:1:0.1").unwrap().len(), 11);
+    }
+
+    #[test]
+    fn nonsense_angles_are_refused() {
+        for list in ["", "x", "91", "-1", "NaN", "0:90:0", "0:90:-1", "90:0:1", "0:90", "0:90:1e-9", "inf"] {
+            assert!(angles(list).is_err(), "{list}");
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! Arguments of `bake-brdf` and what they call.
+
+mod bake;
+mod manners;
+mod study;
+
+use clap::{Args, CommandFactory as _, Parser, Subcommand};
+use terminal::Outcome;
+
+/// Bakes a pearl: walks light through 500 layers of nacre and writes the table of where it goes.
+#[derive(Debug, Parser)]
+#[command(name = "bake-brdf", version, args_conflicts_with_subcommands = true)]
+#[command(after_help = "Examples:
+  bake-brdf                                  the paper's pearl into pearl.exr, about half a minute
+  bake-brdf akoya.json -o akoya.exr          a recipe
+  bake-brdf --accuracy 0.3 -o fine.exr       0.3 % total variation at the worst incidence
+  bake-brdf --paths 1000000 --seed 7 --json  a million paths per incidence, report as JSON
+  bake-brdf --incident-deg 0:90:10,45        a few incidences
+  bake-brdf --dry-run --accuracy 0.1         what would that cost?
+  bake-brdf study -o study                   what accuracy costs in time, with a figure
+  bake-brdf schema                           the JSON Schema of a recipe")]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    bake: bake::BakeArgs,
+    #[command(flatten)]
+    manners: Manners,
+}
+
+/// Flags that every command shares.
+#[derive(Args, Clone, Debug)]
+struct Manners {
+    /// Print one JSON object on stdout instead of text.
+    #[arg(long, global = true)]
+    json: bool,
+    /// Say nothing on stderr but errors.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Say more on stderr.
+    #[arg(short, long, global = true)]
+    verbose: bool,
+    /// Threads to use [default: one per core].
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    threads: Option<u16>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Bake a table (the default command).
+    Bake(bake::BakeArgs),
+    /// Measure what accuracy costs in time: study.json, study.csv and a figure.
+    Study(study::StudyArgs),
+    /// Print the JSON Schema of a recipe.
+    Schema,
+    /// Print a shell completion script.
+    Completions {
+        /// bash, elvish, fish, powershell or zsh.
+        shell: clap_complete::Shell,
+    },
+    /// Print the manual page (roff).
+    Man,
+}
+
+/// Runs the tool.
+pub(crate) fn run(cli: Cli) -> Outcome {
+    let manners = cli.manners;
+    match cli.command {
+        None => bake::run(&cli.bake, &manners),
+        Some(Command::Bake(args)) => bake::run(&args, &manners),
+        Some(Command::Study(args)) => study::run(&args, &manners),
+        Some(Command::Schema) => terminal::print_json(&bake_brdf::recipe::Recipe::json_schema()),
+        Some(Command::Completions { shell }) => {
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "bake-brdf", &mut script);
+            terminal::print(&String::from_utf8_lossy(&script))
+        }
+        Some(Command::Man) => {
+            let mut page = Vec::new();
+            clap_mangen::Man::new(Cli::command()).render(&mut page)?;
+            terminal::print(&String::from_utf8_lossy(&page))
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! `bake-brdf study`: runs the study, writes `study.json`, `study.csv`, `study.svg`, `study.png`.
+
+use super::{Manners, manners};
+use bake_brdf::bake;
+use bake_brdf::recipe::{self, AzimuthMode, Recipe};
+use bake_brdf::study::{self, Contender, Point, Study};
+use kuva::backend::raster::RasterBackend;
+use kuva::backend::svg::SvgBackend;
+use kuva::plot::{LegendPosition, LinePlot, ScatterPlot};
+use kuva::render::layout::{AxisLine, Layout};
+use kuva::render::plots::Plot;
+use kuva::render::render::{Scene, render_multiple};
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use terminal::{Outcome, Stop};
+
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct StudyArgs {
+    /// Recipe (JSON) [default: the paper's pearl].
+    recipe: Option<PathBuf>,
+    /// Folder for study.json, study.csv, study.svg and study.png; made if it does not exist.
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Angles of incidence in degrees: numbers and FROM:TO:STEP [default: 0:90:1].
+    #[arg(long, value_name = "LIST")]
+    incident_deg: Option<String>,
+}
+
+pub(crate) fn run(args: &StudyArgs, manners: &Manners) -> Outcome {
+    let recipe = match &args.recipe {
+        None => Recipe::default(),
+        Some(path) => Recipe::from_json(&manners::read_text(path, recipe::MAX_BYTES)?)
+            .map_err(|why| Stop::BadInput(format!("{}: {why}", path.display())))?,
+    };
+    let incident_deg = match &args.incident_deg {
+        None => bake::default_incident_deg(),
+        Some(list) => super::bake::angles(list)?,
+    };
+    let folder = &args.output;
+    std::fs::create_dir_all(folder).map_err(|why| Stop::failure(format!("{}: {why}", folder.display())))?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(manners.threads.unwrap_or(0).into()).build();
+    let say = |line: &str| {
+        if !manners.quiet {
+            super::bake::say(line);
+        }
+    };
+    let study = pool
+        .map_err(Stop::failure)?
+        .install(|| study::run(&recipe, &incident_deg, &say))
+        .map_err(super::bake::stop)?;
+    let scene = figure(&study);
+    let png = RasterBackend::new().with_scale(2.5).render_scene(&scene).map_err(Stop::failure)?;
+    let json = serde_json::to_value(&study).map_err(Stop::failure)?;
+    for (name, bytes) in [
+        ("study.json", format!("{json:#}\n").into_bytes()),
+        ("study.csv", csv(&study).into_bytes()),
+        ("study.svg", SvgBackend.render_scene(&scene).into_bytes()),
+        ("study.png", png),
+    ] {
+        let path = folder.join(name);
+        lut_io::atomic::write(&path, &bytes)
+            .map_err(|why| Stop::failure(format!("{}: {why}", path.display())))?;
+    }
+    if manners.json { terminal::print_json(&json) } else { terminal::print(&summary(&study)) }
+}
+
+fn csv(study: &Study) -> String {
+    let mut text =
+        "solver,azimuth,paths,nodes,modes,seconds,worst_total_variation,mean_total_variation,bytes\n"
+            .to_owned();
+    for p in &study.points {
+        let _ = writeln!(
+            text,
+            "{},{},{},{},{},{:.6},{:.6e},{:.6e},{:.0}",
+            name(p.contender),
+            mode(p.azimuth),
+            p.paths,
+            p.nodes,
+            p.modes,
+            p.seconds,
+            p.worst_error,
+            p.mean_error,
+            p.bytes
+        );
+    }
+    text
+}
+
+const fn name(contender: Contender) -> &'static str {
+    match contender {
+        Contender::WalkF32 => "walk f32",
+        Contender::WalkF64 => "walk f64",
+        Contender::Doubling => "doubling",
+    }
+}
+
+const fn mode(azimuth: AzimuthMode) -> &'static str {
+    match azimuth {
+        AzimuthMode::Decay => "plane",
+        AzimuthMode::Walk => "space",
+    }
+}
+
+fn summary(study: &Study) -> String {
+    let mut text = format!(
+        "{} incidences, {} threads; error = mean total variation, share of the reflected light\n\n",
+        study.incident_deg.len(),
+        study.threads
+    );
+    text.push_str("solver    geometry  setting                 seconds      error      worst     MB\n");
+    for p in &study.points {
+        let setting = match p.contender {
+            Contender::Doubling => format!("{} nodes, {} modes", p.nodes, p.modes),
+            _ => format!("{} paths", p.paths),
+        };
+        let _ = writeln!(
+            text,
+            "{:<9} {:<9} {:<22} {:>8.3}   {:>8.2e}   {:>8.2e}  {:>5.1}",
+            name(p.contender),
+            mode(p.azimuth),
+            setting,
+            p.seconds,
+            p.mean_error,
+            p.worst_error,
+            p.bytes / 1e6
+        );
+    }
+    text.push('\n');
+    for s in &study.slopes {
+        let even = match s.break_even_error {
+            Some(error) => format!("doubling is faster below an error of {:.2} %", 100.0 * error),
+            None => "doubling is not faster at any error tried".to_owned(),
+        };
+        let _ = writeln!(
+            text,
+            "{} {}: error ∝ seconds^{:.3}; {even}",
+            name(s.contender),
+            mode(s.azimuth),
+            s.slope
+        );
+    }
+    text.push_str("\neffect            ns a crossing without → with    ratio\n");
+    for e in &study.effects {
+        let _ = writeln!(text, "{:<17} {:.3} → {:.3}    {:.2}", e.effect, e.base_ns, e.with_ns, e.ratio);
+    }
+    text
+}
+
+/// Error against time, both axes logarithmic.
+fn figure(study: &Study) -> Scene {
+    let styles = [
+        (Contender::WalkF32, AzimuthMode::Decay, "#0072b2", "walk, plane"),
+        (Contender::WalkF32, AzimuthMode::Walk, "#56b4e9", "walk, space"),
+        (Contender::WalkF64, AzimuthMode::Decay, "#999999", "walk in 64 bits, plane"),
+        (Contender::Doubling, AzimuthMode::Decay, "#d55e00", "doubling, plane"),
+        (Contender::Doubling, AzimuthMode::Walk, "#e69f00", "doubling, space"),
+    ];
+    let mut plots: Vec<Plot> = Vec::new();
+    for (contender, azimuth, colour, label) in styles {
+        let points: Vec<(f64, f64)> = study
+            .points
+            .iter()
+            .filter(|p: &&Point| p.contender == contender && p.azimuth == azimuth)
+            .map(|p| (p.seconds, p.mean_error))
+            .collect();
+        let line = LinePlot::new().with_data(points.clone()).with_color(colour).with_stroke_width(2.0);
+        plots.push(line.with_legend(label).into());
+        plots.push(ScatterPlot::new().with_data(points).with_color(colour).with_size(4.0).into());
+    }
+    let layout = Layout::auto_from_plots(&plots)
+        .with_log_scale()
+        .with_axis_line(AxisLine::Box)
+        .with_x_label(format!(
+            "seconds for {} incidences, {} threads",
+            study.incident_deg.len(),
+            study.threads
+        ))
+        .with_y_label("total variation, mean over incidences")
+        .with_title("What accuracy costs in time")
+        .with_legend_position(LegendPosition::OutsideRightTop)
+        .with_legend_box(false)
+        .with_title_size(15)
+        .with_label_size(14)
+        .with_tick_size(12)
+        .with_body_size(12)
+        .with_width(760.0)
+        .with_height(460.0);
+    render_multiple(plots, layout)
+}

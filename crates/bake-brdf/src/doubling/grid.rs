@@ -1,0 +1,271 @@
+//! Angular grids: Gauss–Legendre rules and the polynomial bases that value functions live in.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::OnceLock;
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par};
+
+use crate::transport::Geometry;
+
+/// A Gauss–Legendre rule on [−1, 1].
+#[derive(Clone, Debug)]
+pub(super) struct Rule {
+    pub(super) nodes: Vec<f64>,
+    pub(super) weights: Vec<f64>,
+}
+
+/// The n-point Gauss–Legendre rule on [−1, 1]; nodes rise.
+pub(super) fn gauss_legendre(n: usize) -> Rule {
+    let mut nodes = vec![0.0; n];
+    let mut weights = vec![0.0; n];
+    for i in 0..n.div_ceil(2) {
+        // Tricomi's estimate of the root, then Newton with P_n and P_n'.
+        let mut x = (PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
+        let mut slope = 1.0;
+        for _ in 0..8 {
+            let (mut p, mut before) = (1.0, 0.0);
+            for k in 0..n {
+                let k = k as f64;
+                let next = ((2.0 * k + 1.0) * x * p - k * before) / (k + 1.0);
+                before = p;
+                p = next;
+            }
+            slope = n as f64 * (x * p - before) / (x * x - 1.0);
+            let step = p / slope;
+            x -= step;
+            if step.abs() < 1e-16 {
+                break;
+            }
+        }
+        let weight = 2.0 / ((1.0 - x * x) * slope * slope);
+        nodes[i] = -x;
+        weights[i] = weight;
+        nodes[n - 1 - i] = x;
+        weights[n - 1 - i] = weight;
+    }
+    if n % 2 == 1 {
+        nodes[n / 2] = 0.0;
+    }
+    Rule { nodes, weights }
+}
+
+/// Largest rule that [`segment_rule`] keeps.
+pub(super) const LARGEST_SEGMENT_RULE: usize = 160;
+
+/// A shared rule for a segment of the facet integral, 1 ≤ n ≤ [`LARGEST_SEGMENT_RULE`].
+pub(super) fn segment_rule(n: usize) -> &'static Rule {
+    static RULES: [OnceLock<Rule>; LARGEST_SEGMENT_RULE + 1] =
+        [const { OnceLock::new() }; LARGEST_SEGMENT_RULE + 1];
+    let n = n.clamp(1, LARGEST_SEGMENT_RULE);
+    RULES[n].get_or_init(|| gauss_legendre(n))
+}
+
+/// The nodes of one hemisphere of directions, the same in every medium, and the basis of value functions on it.
+///
+/// A value function v(ω) is expanded in *modes*. Space: v = Σ_m v_m(θ) cos mφ and mode m is sinᵖθ times a
+/// polynomial in μ = cos θ of degree < N, p = m mod 2. Plane: mode 0 is the even part of v(s), a polynomial in s²
+/// of degree < N, and mode 1 the odd part, s times such a polynomial. So m mod 2 is the parity in both.
+#[derive(Clone, Debug)]
+pub(super) struct Grid {
+    pub(super) geometry: Geometry,
+    /// θ_j, radians in (0, π/2).
+    pub(super) theta: Vec<f64>,
+    /// Quadrature weights: in μ on (0, 1) (space), in θ on (0, π/2) (plane).
+    pub(super) weights: Vec<f64>,
+    /// \[parity\]: cardinal functions from Legendre moments, ℓ_j = Σ_n to_nodes\[j, n\]·P_n.
+    to_nodes: [Mat<f64>; 2],
+}
+
+impl Grid {
+    pub(super) fn new(geometry: Geometry, nodes: usize) -> Self {
+        match geometry {
+            Geometry::Plane => Self::plane(nodes),
+            Geometry::Space => Self::space(nodes),
+        }
+    }
+
+    fn space(n: usize) -> Self {
+        let rule = gauss_legendre(n);
+        let mu: Vec<f64> = rule.nodes.iter().map(|t| 0.5 * (t + 1.0)).collect();
+        let theta: Vec<f64> = mu.iter().map(|mu| mu.acos()).collect();
+        let sines: Vec<f64> = mu.iter().map(|mu| ((1.0 - mu) * (1.0 + mu)).sqrt()).collect();
+        let mut to_nodes = [Mat::zeros(n, n), Mat::zeros(n, n)];
+        for j in 0..n {
+            legendre(rule.nodes[j], n, |k, p| {
+                let cardinal = 0.5 * rule.weights[j] * (2 * k + 1) as f64 * p;
+                to_nodes[0][(j, k)] = cardinal;
+                to_nodes[1][(j, k)] = cardinal / sines[j];
+            });
+        }
+        let weights: Vec<f64> = rule.weights.iter().map(|w| 0.5 * w).collect();
+        close(&mut to_nodes[0], &weights, 1);
+        Self { geometry: Geometry::Space, theta, weights, to_nodes }
+    }
+
+    fn plane(n: usize) -> Self {
+        let rule = gauss_legendre(2 * n);
+        let mut to_nodes = [Mat::zeros(n, n), Mat::zeros(n, n)];
+        for j in 0..n {
+            legendre(rule.nodes[n + j], 2 * n, |k, p| {
+                to_nodes[k % 2][(j, k / 2)] = rule.weights[n + j] * (2 * k + 1) as f64 * p;
+            });
+        }
+        let theta: Vec<f64> = rule.nodes[n..].iter().map(|t| FRAC_PI_2 * t).collect();
+        let weights: Vec<f64> = rule.weights[n..].iter().map(|w| FRAC_PI_2 * w).collect();
+        close(&mut to_nodes[0], &rule.weights[n..], 1);
+        Self { geometry: Geometry::Plane, theta, weights, to_nodes }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.theta.len()
+    }
+
+    /// Degree bound of the Legendre polynomials in the argument of [`Grid::argument`].
+    pub(super) fn polynomials(&self) -> usize {
+        match self.geometry {
+            Geometry::Plane => 2 * self.len(),
+            Geometry::Space => self.len(),
+        }
+    }
+
+    /// See [`Grid`]: node values of a mode from its Legendre moments.
+    pub(super) fn to_nodes(&self, mode: usize) -> &Mat<f64> {
+        &self.to_nodes[mode % 2]
+    }
+
+    /// Legendre argument of a direction: space from μ, plane from the signed angle.
+    pub(super) fn argument(&self, theta: f64) -> f64 {
+        match self.geometry {
+            Geometry::Plane => theta / FRAC_PI_2,
+            Geometry::Space => 2.0 * theta.cos() - 1.0,
+        }
+    }
+
+    /// The basis functions of both parities, one row for each polar angle θ ≥ 0 (plane: signed s): `rows[p][(k, j)]` is
+    /// (s/s_j)ᵖ·ℓ_j(θ_k).
+    pub(super) fn cardinals(&self, theta: &[f64]) -> [Mat<f64>; 2] {
+        let n = self.len();
+        let mut moments = [Mat::<f64>::zeros(theta.len(), n), Mat::zeros(theta.len(), n)];
+        for (row, &theta) in theta.iter().enumerate() {
+            let sine = theta.sin();
+            legendre(self.argument(theta), self.polynomials(), |k, p| match self.geometry {
+                Geometry::Plane => moments[k % 2][(row, k / 2)] = p,
+                Geometry::Space => {
+                    moments[0][(row, k)] = p;
+                    moments[1][(row, k)] = p * sine;
+                }
+            });
+        }
+        [0, 1].map(|parity| {
+            let mut rows = Mat::zeros(theta.len(), n);
+            let to_nodes = self.to_nodes[parity].transpose();
+            matmul(rows.as_mut(), Accum::Replace, moments[parity].as_ref(), to_nodes, 1.0, Par::Seq);
+            rows
+        })
+    }
+
+    /// Factor that turns the deposit at node j of a mode into the density there: per radian of s (plane), per
+    /// steradian (space).
+    pub(super) fn density_factor(&self, j: usize, mode: usize) -> f64 {
+        match (self.geometry, mode) {
+            (Geometry::Plane, _) => 0.5 / self.weights[j],
+            (Geometry::Space, 0) => 0.5 / (PI * self.weights[j]),
+            (Geometry::Space, _) => 1.0 / (PI * self.weights[j]),
+        }
+    }
+
+    /// ∫ θᵏ against the density that a mode-0 (plane: parity k mod 2) deposit stands for: weights on the deposit.
+    ///
+    /// In the plane θᵏ is in the basis. In space θ(μ) has a square root at μ = 1, so it is integrated against the
+    /// interpolant on a finer grid instead of being read at the nodes.
+    pub(super) fn power_weights(&self, power: i32) -> Vec<f64> {
+        let n = self.len();
+        if self.geometry == Geometry::Plane {
+            return self.theta.iter().map(|t| t.powi(power)).collect();
+        }
+        let fine = gauss_legendre(2 * n + 24);
+        let theta: Vec<f64> = fine.nodes.iter().map(|t| 0.5 * FRAC_PI_2 * (t + 1.0)).collect();
+        let [even, _] = self.cardinals(&theta);
+        (0..n)
+            .map(|j| {
+                let terms = theta.iter().zip(&fine.weights).zip(even.col(j).iter());
+                let integral: f64 = terms
+                    .map(|((theta, w), l)| 0.5 * FRAC_PI_2 * w * theta.sin() * theta.powi(power) * l)
+                    .sum();
+                integral / self.weights[j]
+            })
+            .collect()
+    }
+}
+
+/// Takes the rounding out of Σ_j to_nodes\[j, n\] = 0 for n ≥ `first`, which would cost n² ulps of energy at grazing and
+/// at the pole, where all P_n are ±1.
+fn close(to_nodes: &mut Mat<f64>, weights: &[f64], first: usize) {
+    for k in first..to_nodes.ncols() {
+        for _ in 0..2 {
+            let excess: f64 = to_nodes.col(k).iter().sum();
+            for (value, w) in to_nodes.col_mut(k).iter_mut().zip(weights) {
+                *value -= w * excess;
+            }
+        }
+    }
+}
+
+/// Calls `visit(k, P_k(t))` for k < count.
+pub(super) fn legendre(t: f64, count: usize, mut visit: impl FnMut(usize, f64)) {
+    let (mut p, mut before) = (1.0, 0.0);
+    for k in 0..count {
+        visit(k, p);
+        let order = k as f64;
+        let next = ((2.0 * order + 1.0) * t * p - order * before) / (order + 1.0);
+        before = p;
+        p = next;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gauss_legendre_integrates_polynomials_of_degree_2n_minus_1() {
+        for n in [1, 2, 7, 64, 129] {
+            let rule = gauss_legendre(n);
+            let degree = 2 * n as i32 - 2;
+            let integral: f64 = rule.nodes.iter().zip(&rule.weights).map(|(x, w)| w * x.powi(degree)).sum();
+            let exact = 2.0 / f64::from(degree + 1);
+            assert!((integral - exact).abs() < 1e-13, "n = {n}: {integral} against {exact}"); // rounding of n terms
+        }
+    }
+
+    #[test]
+    fn cardinal_functions_interpolate_and_sum_to_one() {
+        for geometry in [Geometry::Plane, Geometry::Space] {
+            let grid = Grid::new(geometry, 24);
+            for theta in [0.0, 0.3, 1.2, 1.57] {
+                let [even, _] = grid.cardinals(&[theta]);
+                assert!((even.row(0).sum() - 1.0).abs() < 1e-12, "{geometry:?} {theta}"); // rounding × Lebesgue constant
+            }
+            let [even, odd] = grid.cardinals(&[grid.theta[5]]);
+            for j in 0..24 {
+                let expected = f64::from(u8::from(j == 5));
+                assert!(
+                    (even[(0, j)] - expected).abs() < 1e-11 && (odd[(0, j)] - expected).abs() < 1e-11,
+                    "{geometry:?} {j}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn power_weights_integrate_powers_of_theta_over_a_smooth_density() {
+        // Density 1/(2π) per steradian: ∫θ dμ over the hemisphere = ∫θ sin θ dθ = 1, ∫θ² sin θ dθ = π − 2.
+        let grid = Grid::new(Geometry::Space, 32);
+        for (power, exact) in [(1, 1.0), (2, PI - 2.0)] {
+            let weights = grid.power_weights(power);
+            let sum: f64 = weights.iter().zip(&grid.weights).map(|(a, w)| a * w).sum();
+            assert!((sum - exact).abs() < 1e-12, "power {power}: {sum}");
+        }
+    }
+}

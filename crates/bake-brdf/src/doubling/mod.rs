@@ -1,0 +1,250 @@
+//! The deterministic solver: adding and doubling of interface operators (MODEL §7).
+//!
+//! The same Markov chain as the walk's, solved in a spectral basis. Per azimuthal mode the *value functions* on a
+//! hemisphere (what a ray of direction ω will have earned when it is gone) are polynomials on Gauss–Legendre nodes;
+//! an interface maps them back by a quadrature over its facets ([`kernel`]), so that energy closes to rounding.
+//! Interfaces are joined by the adding equations, periodic parts by doubling ([`star`], [`stack`]). The first
+//! interface is kept apart: its single reflection has a closed form ([`surface`]) and needs no modes at all.
+
+mod facets;
+mod grid;
+mod kernel;
+mod rehit;
+mod settings;
+mod solution;
+mod stack;
+mod star;
+mod surface;
+
+use std::collections::HashMap;
+
+use faer::Mat;
+use rayon::prelude::*;
+
+pub use self::settings::{Cost, DoublingError, Settings};
+pub use self::solution::{Basis, ErrorEstimate, FromBelow, Lobe, Solution};
+pub use self::surface::SingleReflection;
+
+use self::facets::{Fate, Interface};
+use self::grid::Grid;
+use self::kernel::{Column, columns};
+use self::solution::ModeResult;
+use self::stack::{Element, Run, elements, runs};
+use self::star::{Mirror, Resolved, Slab, times};
+use crate::transport::{Geometry, Transport};
+
+/// Resolutions that [`solve_to`] tries.
+const ATTEMPTS: usize = 6;
+
+/// Columns of one interface at the grid's nodes: from the side of the medium named first, and from the other.
+struct Sides {
+    first: f64,
+    near: Vec<Column>,
+    far: Vec<Column>,
+}
+
+/// One interface's key: its two indices, the smaller first.
+fn key(a: f64, b: f64) -> (u64, u64) {
+    let (low, high) = if a <= b { (a, b) } else { (b, a) };
+    (low.to_bits(), high.to_bits())
+}
+
+/// Everything that the modes share.
+struct Problem<'a> {
+    grid: &'a Grid,
+    elements: &'a [Element],
+    runs: &'a [Run],
+    sides: &'a HashMap<(u64, u64), Sides>,
+}
+
+impl Problem<'_> {
+    fn resolved(&self, above: f64, below: f64, mode: usize) -> Resolved {
+        let sides = &self.sides[&key(above, below)];
+        if sides.first == above {
+            Resolved::new(&sides.near, &sides.far, mode)
+        } else {
+            Resolved::new(&sides.far, &sides.near, mode)
+        }
+    }
+
+    /// exp(−τ/|cos θ|) at the nodes.
+    fn keep(&self, depth: f64) -> Option<Vec<f64>> {
+        (depth > 0.0).then(|| self.grid.theta.iter().map(|theta| (-depth / theta.cos()).exp()).collect())
+    }
+
+    /// The layers and interfaces below interface 0 in one mode.
+    fn body(&self, mode: usize) -> Slab {
+        let mut interfaces: HashMap<(u64, u64), Slab> = HashMap::new();
+        let mut body: Option<Slab> = None;
+        for run in self.runs.iter().rev() {
+            let top = self.run(run, mode, &mut interfaces);
+            body = Some(match body {
+                None => top,
+                Some(lower) => top.above(&lower),
+            });
+        }
+        body.unwrap_or_else(|| Slab::nothing(self.grid.len()))
+    }
+
+    fn interface(&self, above: f64, below: f64, mode: usize, known: &mut HashMap<(u64, u64), Slab>) -> Slab {
+        if above.to_bits() == below.to_bits() {
+            return Slab::nothing(self.grid.len()); // no index step: facets change nothing
+        }
+        let id = (above.to_bits(), below.to_bits());
+        if let Some(slab) = known.get(&id) {
+            return slab.clone();
+        }
+        let slab = self.resolved(above, below, mode).slab();
+        known.insert((id.1, id.0), slab.flipped());
+        known.insert(id, slab.clone());
+        slab
+    }
+
+    fn element(&self, element: &Element, mode: usize, known: &mut HashMap<(u64, u64), Slab>) -> Slab {
+        let slab = self.interface(element.above, element.below, mode, known);
+        match self.keep(element.depth) {
+            Some(keep) => slab.attenuated_above(&keep),
+            None => slab,
+        }
+    }
+
+    fn run(&self, run: &Run, mode: usize, known: &mut HashMap<(u64, u64), Slab>) -> Slab {
+        let cell = &self.elements[run.start..run.start + run.period];
+        if run.period == 2 && run.count > 1 {
+            return self.pairs(cell[0], cell[1], run.count, mode, known);
+        }
+        let mut slab = self.element(&cell[run.period - 1], mode, known);
+        for element in cell[..run.period - 1].iter().rev() {
+            slab = self.element(element, mode, known).above(&slab);
+        }
+        let lossless = mode == 0 && cell.iter().all(|element| element.depth == 0.0);
+        slab.power(run.count, lossless)
+    }
+
+    /// `count` pairs of layers a, c. With half of a's absorption on either side the cell ½a·I(a|c)·c·I(c|a)·½a is
+    /// its own mirror image, and doubling needs R and T only.
+    fn pairs(
+        &self,
+        a: Element,
+        c: Element,
+        count: usize,
+        mode: usize,
+        known: &mut HashMap<(u64, u64), Slab>,
+    ) -> Slab {
+        let upper = self.interface(a.above, a.below, mode, known);
+        let lower = self.element(&c, mode, known);
+        let pair = upper.above(&lower);
+        let Some(half) = self.keep(0.5 * a.depth) else {
+            return Slab::from(Mirror { r: pair.r, t: pair.t }.power(count, mode == 0 && c.depth == 0.0));
+        };
+        let half_above = pair.attenuated_above(&half);
+        let cell = half_above.clone().flipped().attenuated_above(&half);
+        let cells = Slab::from(Mirror { r: cell.r, t: cell.t }.power(count - 1, false));
+        cells.above(&half_above).attenuated_above(&half)
+    }
+}
+
+/// Solves `transport` for each incidence `theta_i` (radians, in \[0, π/2\]).
+///
+/// # Errors
+/// [`DoublingError`] when the settings cannot represent the problem; the message says what would.
+pub fn solve(
+    transport: &Transport,
+    geometry: Geometry,
+    theta_i: &[f64],
+    settings: &Settings,
+) -> Result<Solution, DoublingError> {
+    settings.check(transport, geometry, theta_i)?;
+    let grid = Grid::new(geometry, settings.nodes);
+    let modes = settings.modes_in(geometry);
+    let elements = elements(transport);
+    let runs = runs(&elements);
+    let sampling = settings.sampling(&grid);
+    let side = |from: f64, to: f64| Interface { eta: from / to, facets: transport.facets, sampling };
+
+    let (ambient, first) = (transport.indices[0], transport.indices[1]);
+    let mut sides = HashMap::new();
+    let cells = runs.iter().flat_map(|run| &elements[run.start..run.start + run.period]);
+    for (above, below) in std::iter::once((ambient, first)).chain(cells.map(|e| (e.above, e.below))) {
+        if above.to_bits() != below.to_bits() || (above, below) == (ambient, first) {
+            sides.entry(key(above, below)).or_insert_with(|| Sides {
+                first: above,
+                near: columns(&side(above, below), &grid, modes, &grid.theta),
+                far: columns(&side(below, above), &grid, modes, &grid.theta),
+            });
+        }
+    }
+    let problem = Problem { grid: &grid, elements: &elements, runs: &runs, sides: &sides };
+    let incident = columns(&side(ambient, first), &grid, modes, theta_i);
+    let results: Vec<ModeResult> = (0..modes)
+        .into_par_iter()
+        .map(|mode| solve_mode(&problem, ambient, first, &incident, mode, settings.both_sides))
+        .collect();
+    Ok(Solution::assemble(transport, theta_i, *settings, grid, &incident, results))
+}
+
+/// Solves to a total variation asked for, with the error estimated from a second, coarser resolution.
+///
+/// # Errors
+/// As [`solve`]; [`DoublingError::NotReached`] when further refinements do not bring the estimate below
+/// `total_variation`.
+pub fn solve_to(
+    transport: &Transport,
+    geometry: Geometry,
+    theta_i: &[f64],
+    total_variation: f64,
+    both_sides: bool,
+) -> Result<Solution, DoublingError> {
+    if !(1e-9..=0.5).contains(&total_variation) {
+        let expected = "from 1e-9 to 0.5";
+        return Err(DoublingError::Domain { field: "total_variation", value: total_variation, expected });
+    }
+    let mut settings =
+        Settings { both_sides, ..Settings::for_accuracy(transport, geometry, total_variation) };
+    let mut coarse = solve(transport, geometry, theta_i, &settings.coarser())?;
+    let mut reached = f64::INFINITY;
+    for _ in 0..ATTEMPTS {
+        let mut solution = solve(transport, geometry, theta_i, &settings)?;
+        solution.compare(&coarse);
+        reached = solution.error.as_ref().map_or(reached, ErrorEstimate::worst);
+        if reached <= total_variation {
+            return Ok(solution);
+        }
+        settings = settings.finer();
+        coarse = solution;
+    }
+    Err(DoublingError::NotReached { asked: total_variation, reached, nodes: coarse.settings.nodes })
+}
+
+fn solve_mode(
+    problem: &Problem<'_>,
+    ambient: f64,
+    first: f64,
+    incident: &[Column],
+    mode: usize,
+    both_sides: bool,
+) -> ModeResult {
+    let n = problem.grid.len();
+    let gather = |fate: Fate| {
+        Mat::from_fn(n, incident.len(), |j, i| {
+            incident[i].deposit(fate).map_or(0.0, |deposit| deposit[(j, mode)])
+        })
+    };
+    let top = problem.resolved(ambient, first, mode);
+    let back_above = gather(Fate::ReflectedBack);
+    let back_below = gather(Fate::RefractedBack);
+    let mut back = Mat::zeros(2 * n, incident.len());
+    back.subrows_mut(0, n).copy_from(&back_above);
+    back.subrows_mut(n, n).copy_from(&back_below);
+    let finished = top.finish(&back);
+    let rehit = top.finish_above(&back_above);
+    let entered = gather(Fate::Refracted) + finished.subrows(n, n);
+
+    let body = problem.body(mode);
+    let slab = top.slab();
+    let down = star::refined_resolvent(&times(slab.r_below.as_ref(), body.r.as_ref()), &entered);
+    let up = times(body.r.as_ref(), down.as_ref());
+    let interior = finished.subrows(0, n) - &rehit + times(slab.t_below.as_ref(), up.as_ref());
+    let transmitted = times(body.t.as_ref(), down.as_ref());
+    ModeResult { interior, rehit, transmitted, below: both_sides.then(|| slab.above(&body)) }
+}

@@ -1,0 +1,254 @@
+//! How finely the solver works, what that costs, and what it refuses.
+
+use std::collections::HashSet;
+use std::f64::consts::FRAC_PI_2;
+
+use super::facets::Sampling;
+use super::grid::Grid;
+use super::key;
+use super::stack::{elements, runs};
+use crate::transport::{Geometry, Transport};
+
+/// Memory that the solver may plan for, bytes.
+const LARGEST_PLAN: f64 = 6.0 * (1u64 << 30) as f64;
+
+/// Longest time that the solver may plan for, seconds of one core.
+const LONGEST_PLAN: f64 = 3600.0;
+
+/// Seconds of one AVX-512 core behind [`Cost::seconds`]: a floating-point operation in a matrix product, a Legendre
+/// term of a tilt, a facet in space, and the rehit lobe of one grazing incidence.
+const OPERATION: f64 = 6e-11;
+const PLANE_TERM: f64 = 2e-9;
+const FACET: f64 = 2e-7;
+const REHIT: f64 = 6e-3;
+
+/// Resolution of the solver.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// N: nodes a hemisphere and medium.
+    pub nodes: usize,
+    /// Azimuthal modes of the interior (space; the plane always has its two parities).
+    pub modes: usize,
+    /// Facets beyond this many σ are left out.
+    pub reach: f64,
+    /// Density of the facet quadrature; 1 resolves every basis function in full.
+    pub density: f64,
+    /// Whether to keep what the stack does to light from below, too ([`super::FromBelow`]).
+    pub both_sides: bool,
+}
+
+/// What a solution will cost: orders of magnitude, from operation counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cost {
+    /// Peak memory, bytes.
+    pub bytes: f64,
+    /// Time of one core, seconds.
+    pub seconds: f64,
+}
+
+/// Why the solver does not answer.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum DoublingError {
+    /// A number outside its range.
+    #[error("{field} = {value}: {expected}")]
+    Domain {
+        /// What the number is.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// What would be right.
+        expected: &'static str,
+    },
+    /// The stack's lists do not fit together.
+    #[error("{layers} optical depths want {} indices (ambient, layers, substrate), found {indices}", layers + 2)]
+    Shape {
+        /// Optical depths found.
+        layers: usize,
+        /// Indices found.
+        indices: usize,
+    },
+    /// The resolution that the problem needs is out of reach.
+    #[error(
+        "slope_sd = {slope_sd_deg}°: lobes this narrow need {nodes} nodes and {modes} modes, about {gibibytes:.1} GiB \
+         and {seconds:.0} s of one core; use the walk, the plane (azimuth decay), a lower accuracy or a wider slope_sd"
+    )]
+    TooCostly {
+        /// σ in degrees.
+        slope_sd_deg: f64,
+        /// Nodes a hemisphere.
+        nodes: usize,
+        /// Azimuthal modes.
+        modes: usize,
+        /// Predicted memory.
+        gibibytes: f64,
+        /// Predicted time.
+        seconds: f64,
+    },
+    /// The error estimate stayed above what was asked.
+    #[error(
+        "total variation {asked:e} asked, {reached:.1e} reached with {nodes} nodes: ask for less, or use the walk"
+    )]
+    NotReached {
+        /// Total variation asked for.
+        asked: f64,
+        /// Total variation estimated.
+        reached: f64,
+        /// Nodes of the last attempt.
+        nodes: usize,
+    },
+}
+
+impl Settings {
+    /// Settings that reach `total_variation` (½∫|p − p_true| as a share of the reflected light) at the worst
+    /// incidence, from fits to 500-layer stacks, σ = 1…25°. [`super::solve_to`] checks them on the problem at hand.
+    #[must_use]
+    pub fn for_accuracy(transport: &Transport, geometry: Geometry, total_variation: f64) -> Self {
+        let digits = -total_variation.clamp(1e-10, 0.1).log10();
+        let sigma = transport.facets.slope_sd.to_degrees().max(1e-6);
+        // A single reflection in the first layer, refracted out, is the narrowest lobe there is: a low index
+        // there narrows it.
+        let narrowing =
+            transport.indices.get(1).map_or(1.0, |first| (1.3 * transport.indices[0] / first).max(1.0));
+        let more = (digits - 3.0).max(-2.0);
+        let nodes = narrowing * (186.0 + 25.0 * more) / sigma + 4.0 + 0.75 * more.max(0.0).powi(3);
+        let modes = narrowing * (69.0 + 13.0 * more) / sigma + 5.0 + 2.0 * more.max(0.0);
+        let floor = if geometry == Geometry::Plane { 28.0 } else { 16.0 };
+        // The plane's lobes have kinks that the azimuth smooths out in space.
+        let nodes = if geometry == Geometry::Plane { (1.15 - 0.03 * more) * nodes } else { nodes };
+        Self {
+            nodes: nodes.max(floor).ceil() as usize,
+            modes: if geometry == Geometry::Plane { 2 } else { modes.max(8.0).ceil() as usize },
+            reach: (2.0 * digits * std::f64::consts::LN_10 + 20.0).sqrt().clamp(5.0, 8.0),
+            density: (0.7 + 0.1 * more).clamp(0.65, 1.0),
+            both_sides: false,
+        }
+    }
+
+    /// The next coarser resolution, for an error estimate.
+    #[must_use]
+    pub fn coarser(&self) -> Self {
+        Self {
+            nodes: (0.8 * self.nodes as f64).floor().max(4.0) as usize,
+            modes: (0.8 * self.modes as f64).floor().max(2.0) as usize, // the plane keeps its two
+            reach: 0.93 * self.reach,
+            density: 0.95 * self.density,
+            both_sides: false,
+        }
+    }
+
+    /// The next finer resolution.
+    #[must_use]
+    pub fn finer(&self) -> Self {
+        Self {
+            nodes: (1.25 * self.nodes as f64).ceil() as usize,
+            modes: if self.modes <= 2 { self.modes } else { (1.25 * self.modes as f64).ceil() as usize },
+            reach: (1.1 * self.reach).min(8.0),
+            density: 1.2 * self.density,
+            both_sides: self.both_sides,
+        }
+    }
+
+    /// Cost of `incidences` columns of this problem at these settings.
+    #[must_use]
+    pub fn cost(&self, transport: &Transport, geometry: Geometry, incidences: usize) -> Cost {
+        let elements = elements(transport);
+        let runs = runs(&elements);
+        let cells = runs.iter().flat_map(|run| &elements[run.start..run.start + run.period]);
+        let pairs: HashSet<_> = cells.map(|e| key(e.above, e.below)).collect();
+        let products: usize = runs.iter().map(super::stack::Run::products).sum();
+        let (n, modes) = (self.nodes as f64, self.modes_in(geometry) as f64);
+        let sigma = transport.facets.slope_sd;
+        let line =
+            2.0 * self.reach * sigma * (3.5 * n * self.density) / 6.3 + 0.3 * self.reach * self.reach + 8.0;
+        let facets = if geometry == Geometry::Plane { line } else { 0.4 * line * line };
+        let columns = 2.0 * n * (pairs.len() + 1) as f64 + incidences as f64;
+        // One multiply-add each for reflected and refracted light, and the facets' own arithmetic.
+        let kernels = match geometry {
+            Geometry::Plane => columns * facets * n * 4.0 * PLANE_TERM,
+            Geometry::Space => columns * facets * (1.6 * n * (modes + 12.0) * OPERATION + FACET),
+        };
+        let adding =
+            modes * n * n * n * (10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64) * OPERATION;
+        let grazing = (6.0 * sigma / FRAC_PI_2).min(1.0) * incidences as f64;
+        let rehit = if geometry == Geometry::Plane { 0.0 } else { grazing * REHIT };
+        Cost {
+            bytes: 8.0 * n * modes * (2.5 * columns + 3.0 * incidences as f64) + 200.0 * n * n * 8.0,
+            seconds: kernels + adding + rehit,
+        }
+    }
+
+    /// Refuses what cannot be right or cannot be paid for: what [`super::solve`] checks first.
+    ///
+    /// # Errors
+    /// As [`super::solve`].
+    pub fn check(
+        &self,
+        transport: &Transport,
+        geometry: Geometry,
+        theta_i: &[f64],
+    ) -> Result<(), DoublingError> {
+        check_problem(transport, theta_i)?;
+        let domain = |field, value: f64, ok: bool, expected| {
+            if ok { Ok(()) } else { Err(DoublingError::Domain { field, value, expected }) }
+        };
+        domain("nodes", self.nodes as f64, (4..=20_000).contains(&self.nodes), "from 4 to 20000")?;
+        domain("modes", self.modes as f64, (1..=20_000).contains(&self.modes), "from 1 to 20000")?;
+        domain("reach", self.reach, (3.0..=12.0).contains(&self.reach), "from 3 to 12 standard deviations")?;
+        domain("density", self.density, (0.3..=8.0).contains(&self.density), "from 0.3 to 8")?;
+        let cost = self.cost(transport, geometry, theta_i.len());
+        if cost.bytes > LARGEST_PLAN || cost.seconds > LONGEST_PLAN {
+            return Err(DoublingError::TooCostly {
+                slope_sd_deg: transport.facets.slope_sd.to_degrees(),
+                nodes: self.nodes,
+                modes: self.modes_in(geometry),
+                gibibytes: cost.bytes / (1u64 << 30) as f64,
+                seconds: cost.seconds,
+            });
+        }
+        Ok(())
+    }
+
+    pub(super) fn modes_in(&self, geometry: Geometry) -> usize {
+        match geometry {
+            Geometry::Plane => 2,
+            Geometry::Space => self.modes,
+        }
+    }
+
+    pub(super) fn sampling(&self, grid: &Grid) -> Sampling {
+        let mode = self.modes as f64;
+        Sampling {
+            reach: self.reach,
+            degree: grid.polynomials() as f64,
+            modes: [mode, mode],
+            density: self.density,
+        }
+    }
+}
+
+fn check_problem(transport: &Transport, theta_i: &[f64]) -> Result<(), DoublingError> {
+    let domain = |field, value: f64, ok: bool, expected| {
+        if ok { Ok(()) } else { Err(DoublingError::Domain { field, value, expected }) }
+    };
+    if transport.indices.len() != transport.layers() + 2 {
+        return Err(DoublingError::Shape { layers: transport.layers(), indices: transport.indices.len() });
+    }
+    for &index in &transport.indices {
+        domain("index", index, index.is_finite() && index > 0.0, "finite and > 0")?;
+    }
+    for &depth in &transport.optical_depths {
+        domain("optical_depth", depth, depth >= 0.0, "≥ 0")?;
+    }
+    for &theta in theta_i {
+        domain("theta_i", theta, (0.0..=FRAC_PI_2).contains(&theta), "from 0 to π/2")?;
+    }
+    let sigma = transport.facets.slope_sd;
+    domain(
+        "slope_sd",
+        sigma,
+        sigma > 0.0,
+        "> 0 (smooth interfaces have no lobe to resolve: use the Fresnel closed form)",
+    )?;
+    domain("slope_sd", sigma, sigma <= 0.61, "at most 0.61 (35°)")
+}

@@ -1,0 +1,335 @@
+//! What a solution holds, and how it is read.
+
+use faer::Mat;
+use rayon::prelude::*;
+
+use super::facets::Fate;
+use super::grid::Grid;
+use super::kernel::Column;
+use super::rehit::RehitLobe;
+use super::settings::Settings;
+use super::star::{Slab, times};
+use super::surface::SingleReflection;
+use crate::transport::{Geometry, Transport};
+
+/// The totals of one incidence.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lobe {
+    /// Angle of incidence, radians.
+    pub theta_i: f64,
+    /// Share of the light that leaves the top.
+    pub albedo: f64,
+    /// Share that passes the last interface.
+    pub transmitted: f64,
+    /// Share lost to absorption.
+    pub absorbed: f64,
+    /// Share reflected by interface 0 alone, before anything entered.
+    pub surface: f64,
+    /// The part of `surface` that met interface 0 more than once.
+    pub rehit: f64,
+    /// Mean exit angle of all that leaves the top, radians (plane: signed s; space: θo ≥ 0).
+    pub mean: f64,
+    /// Its standard deviation, radians.
+    pub sd: f64,
+    /// Its skewness; 0 where the distribution is symmetric.
+    pub skew: f64,
+}
+
+/// How far two resolutions are apart: the solver's own error estimate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ErrorEstimate {
+    /// Estimated total variation of the reflected lobe, as a share of the reflected light, by incidence.
+    pub total_variation: Vec<f64>,
+    /// Largest difference of albedo or transmitted share between the two resolutions.
+    pub albedo: f64,
+    /// Largest difference of the mean exit angle, radians.
+    pub mean: f64,
+    /// Largest difference of the standard deviation, radians.
+    pub sd: f64,
+    /// Largest difference of the skewness.
+    pub skew: f64,
+}
+
+impl ErrorEstimate {
+    /// Total variation of the worst incidence.
+    #[must_use]
+    pub fn worst(&self) -> f64 {
+        self.total_variation.iter().fold(0.0, |worst, tv| worst.max(*tv))
+    }
+}
+
+/// What the stack does to light that comes up out of the substrate, at the grid's nodes.
+///
+/// With it the body below can be changed without solving again: R_total = R + T′(I − R_body R′)⁻¹ R_body T.
+#[derive(Clone, Debug)]
+pub struct FromBelow {
+    /// θ of incidence in the substrate, radians, one a row of the grid.
+    pub theta: Vec<f64>,
+    /// Share sent back into the substrate, by incidence.
+    pub reflected: Vec<f64>,
+    /// Share that leaves the top, by incidence.
+    pub transmitted: Vec<f64>,
+    /// R′ by mode: deposits (rows) of light incident at the nodes (columns).
+    pub reflection: Vec<Mat<f64>>,
+    /// T′ by mode.
+    pub transmission: Vec<Mat<f64>>,
+}
+
+/// One mode's share of the solution, columns by incidence.
+pub(super) struct ModeResult {
+    pub(super) interior: Mat<f64>,
+    pub(super) rehit: Mat<f64>,
+    pub(super) transmitted: Mat<f64>,
+    pub(super) below: Option<Slab>,
+}
+
+/// Lobes of all incidences.
+#[derive(Debug)]
+pub struct Solution {
+    /// Totals, one per incidence, in the order asked.
+    pub lobes: Vec<Lobe>,
+    /// The settings that were used.
+    pub settings: Settings,
+    /// Estimated error, where two resolutions were compared.
+    pub error: Option<ErrorEstimate>,
+    /// Light from below, where asked for.
+    pub from_below: Option<FromBelow>,
+    pub(super) grid: Grid,
+    single: Vec<SingleReflection>,
+    /// \[incidence\]: node densities, rows nodes, columns modes.
+    interior: Vec<Mat<f64>>,
+    /// Plane: node densities of both parities.
+    rehit: Vec<Mat<f64>>,
+    /// Space: the lobe resolved in azimuth.
+    rehit_lobes: Vec<Option<RehitLobe>>,
+    transmitted: Vec<Mat<f64>>,
+}
+
+/// Basis functions on a product grid of directions: turns a lobe's coefficients into values by two small products.
+#[derive(Clone, Debug)]
+pub struct Basis {
+    theta: Vec<f64>,
+    phi: Vec<f64>,
+    rows: [Mat<f64>; 2],
+    columns: [Mat<f64>; 2],
+}
+
+impl Solution {
+    pub(super) fn assemble(
+        transport: &Transport,
+        theta_i: &[f64],
+        settings: Settings,
+        grid: Grid,
+        incident: &[Column],
+        mut modes: Vec<ModeResult>,
+    ) -> Self {
+        let from_below = settings.both_sides.then(|| from_below(&grid, &mut modes));
+        let single: Vec<SingleReflection> =
+            theta_i.iter().map(|&theta| SingleReflection::new(transport, grid.geometry, theta)).collect();
+        let lobes = totals(transport, theta_i, &grid, incident, &modes);
+        let rehit_lobes = lobes
+            .par_iter()
+            .zip(&single)
+            .map(|(lobe, single)| RehitLobe::new(transport, grid.geometry, single, lobe.theta_i, lobe.rehit))
+            .collect();
+        let collect = |pick: fn(&ModeResult) -> &Mat<f64>| {
+            (0..theta_i.len())
+                .map(|i| {
+                    Mat::from_fn(grid.len(), modes.len(), |j, m| {
+                        pick(&modes[m])[(j, i)] * grid.density_factor(j, m)
+                    })
+                })
+                .collect()
+        };
+        Self {
+            lobes,
+            rehit_lobes,
+            settings,
+            error: None,
+            from_below,
+            single,
+            interior: collect(|mode| &mode.interior),
+            rehit: collect(|mode| &mode.rehit),
+            transmitted: collect(|mode| &mode.transmitted),
+            grid,
+        }
+    }
+
+    /// Plane or space.
+    #[must_use]
+    pub fn geometry(&self) -> Geometry {
+        self.grid.geometry
+    }
+
+    /// Basis functions at the product grid θ × φ, radians. Plane: `theta` holds the signed s, and `phi` one ignored
+    /// number. Space: θ in \[0, π/2\].
+    #[must_use]
+    pub fn basis(&self, theta: &[f64], phi: &[f64]) -> Basis {
+        let rows = self.grid.cardinals(theta);
+        let count = self.settings.modes_in(self.grid.geometry);
+        let columns = [0, 1].map(|parity| match self.grid.geometry {
+            Geometry::Plane => Mat::full(1, 1, 1.0),
+            Geometry::Space => Mat::from_fn((count + 1 - parity) / 2, phi.len(), |k, f| {
+                ((2 * k + parity) as f64 * phi[f]).cos()
+            }),
+        });
+        let phi = if self.grid.geometry == Geometry::Plane { vec![0.0] } else { phi.to_vec() };
+        Basis { theta: theta.to_vec(), phi, rows, columns }
+    }
+
+    /// Density of the interior (what entered the stack and came back) of one incidence: rows θ, columns φ. Plane: per
+    /// radian of s; space: f·cos θo, 1/sr. Truncation may leave it slightly negative where it is ≈ 0.
+    #[must_use]
+    pub fn interior(&self, incidence: usize, basis: &Basis) -> Mat<f64> {
+        evaluate(&self.interior[incidence], basis)
+    }
+
+    /// Density of the transmitted light in the substrate, per radian of signed angle or per steradian.
+    #[must_use]
+    pub fn transmitted(&self, incidence: usize, basis: &Basis) -> Mat<f64> {
+        evaluate(&self.transmitted[incidence], basis)
+    }
+
+    /// Density of what met interface 0 more than once and never entered.
+    #[must_use]
+    pub fn rehit(&self, incidence: usize, basis: &Basis) -> Mat<f64> {
+        match (&self.rehit_lobes[incidence], self.grid.geometry) {
+            (_, Geometry::Plane) => evaluate(&self.rehit[incidence], basis),
+            (Some(lobe), _) => lobe.values(&basis.theta, &basis.phi),
+            (None, _) => Mat::zeros(basis.theta.len(), basis.phi.len()),
+        }
+    }
+
+    /// Density of what interface 0 reflected at its first facet: the closed form.
+    #[must_use]
+    pub fn single(&self, incidence: usize, basis: &Basis) -> Mat<f64> {
+        let lobe = &self.single[incidence];
+        Mat::from_fn(basis.theta.len(), basis.phi.len(), |k, f| match self.grid.geometry {
+            Geometry::Plane => lobe.plane(basis.theta[k]),
+            Geometry::Space => lobe.space(basis.theta[k], basis.phi[f]),
+        })
+    }
+
+    /// The closed form of one incidence, for any direction.
+    #[must_use]
+    pub fn single_reflection(&self, incidence: usize) -> &SingleReflection {
+        &self.single[incidence]
+    }
+
+    /// Compares with a coarser solution of the same problem and stores the estimate of this one's error.
+    ///
+    /// [`Settings::coarser`] takes 0.8 of the nodes. While lobes are unresolved the error falls faster than
+    /// exponentially with them, later like N⁻⁴ at worst (kinks of the kernels at the critical angle): either way at
+    /// most two thirds of the difference are left.
+    pub(super) fn compare(&mut self, coarse: &Self) {
+        let (theta, weights) = self.quadrature();
+        let count = if self.grid.geometry == Geometry::Plane { 1 } else { 2 * self.settings.modes + 2 };
+        let phi: Vec<f64> =
+            (0..count).map(|f| std::f64::consts::PI * (f as f64 + 0.5) / count as f64).collect();
+        let (fine_basis, coarse_basis) = (self.basis(&theta, &phi), coarse.basis(&theta, &phi));
+        let total_variation = (0..self.lobes.len())
+            .map(|i| {
+                let difference = self.interior(i, &fine_basis) - coarse.interior(i, &coarse_basis);
+                let sum: f64 = (0..count)
+                    .map(|f| difference.col(f).iter().zip(&weights).map(|(d, w)| w * d.abs()).sum::<f64>())
+                    .sum();
+                0.5 * sum / count as f64 / self.lobes[i].albedo.max(1e-300) / 1.5
+            })
+            .collect();
+        let largest = |pick: fn(&Lobe) -> f64| {
+            self.lobes.iter().zip(&coarse.lobes).map(|(a, b)| (pick(a) - pick(b)).abs()).fold(0.0, f64::max)
+        };
+        self.error = Some(ErrorEstimate {
+            total_variation,
+            albedo: largest(|lobe| lobe.albedo).max(largest(|lobe| lobe.transmitted)),
+            mean: largest(|lobe| lobe.mean),
+            sd: largest(|lobe| lobe.sd),
+            skew: largest(|lobe| lobe.skew),
+        });
+    }
+
+    /// Nodes and weights that integrate over exit directions (space: φ averaged, so 2π is in the weight).
+    fn quadrature(&self) -> (Vec<f64>, Vec<f64>) {
+        match self.grid.geometry {
+            Geometry::Plane => {
+                let mirrored = self.grid.theta.iter().map(|theta| -theta);
+                let theta = mirrored.chain(self.grid.theta.iter().copied()).collect();
+                (theta, [self.grid.weights.clone(), self.grid.weights.clone()].concat())
+            }
+            Geometry::Space => {
+                let weights = self.grid.weights.iter().map(|w| 2.0 * std::f64::consts::PI * w).collect();
+                (self.grid.theta.clone(), weights)
+            }
+        }
+    }
+}
+
+fn from_below(grid: &Grid, modes: &mut [ModeResult]) -> FromBelow {
+    let slabs: Vec<Slab> = modes.iter_mut().filter_map(|mode| mode.below.take()).collect();
+    let sums = |matrix: &Mat<f64>| (0..grid.len()).map(|i| matrix.col(i).sum()).collect();
+    FromBelow {
+        theta: grid.theta.clone(),
+        reflected: sums(&slabs[0].r_below),
+        transmitted: sums(&slabs[0].t_below),
+        reflection: slabs.iter().map(|slab| slab.r_below.clone()).collect(),
+        transmission: slabs.iter().map(|slab| slab.t_below.clone()).collect(),
+    }
+}
+
+fn totals(
+    transport: &Transport,
+    theta_i: &[f64],
+    grid: &Grid,
+    incident: &[Column],
+    modes: &[ModeResult],
+) -> Vec<Lobe> {
+    let powers: Vec<Vec<f64>> = (0..4).map(|k| grid.power_weights(k)).collect();
+    let lobe = |i: usize| {
+        let single: f64 = incident[i].deposit(Fate::Reflected).map_or(0.0, |deposit| deposit.col(0).sum());
+        let mut raw = incident[i].reflected_powers;
+        raw[0] = single;
+        for (k, moment) in raw.iter_mut().enumerate() {
+            let mode = if grid.geometry == Geometry::Plane { &modes[k % 2] } else { &modes[0] };
+            for (j, power) in powers[k].iter().enumerate() {
+                *moment += power * (mode.interior[(j, i)] + mode.rehit[(j, i)]);
+            }
+        }
+        let rehit = modes[0].rehit.col(i).sum();
+        let transmitted = modes[0].transmitted.col(i).sum();
+        let albedo = single + rehit + modes[0].interior.col(i).sum();
+        let (mean, sd, skew) = central(raw);
+        Lobe {
+            theta_i: theta_i[i],
+            albedo,
+            transmitted,
+            absorbed: if transport.absorbs() { 1.0 - albedo - transmitted } else { 0.0 },
+            surface: single + rehit,
+            rehit,
+            mean,
+            sd,
+            skew,
+        }
+    };
+    (0..theta_i.len()).map(lobe).collect()
+}
+
+fn evaluate(coefficients: &Mat<f64>, basis: &Basis) -> Mat<f64> {
+    let parity = |p: usize| {
+        let modes = basis.columns[p].nrows();
+        let picked = Mat::from_fn(coefficients.nrows(), modes, |j, k| coefficients[(j, 2 * k + p)]);
+        times(times(basis.rows[p].as_ref(), picked.as_ref()).as_ref(), basis.columns[p].as_ref())
+    };
+    parity(0) + parity(1)
+}
+
+/// Mean, standard deviation and skewness from Σ pθᵏ.
+fn central(raw: [f64; 4]) -> (f64, f64, f64) {
+    if raw[0] <= 0.0 {
+        return (0.0, 0.0, 0.0);
+    }
+    let [_, m1, m2, m3] = raw.map(|moment| moment / raw[0]);
+    let variance = (m2 - m1 * m1).max(0.0);
+    let sd = variance.sqrt();
+    let third = m3 - 3.0 * m1 * m2 + 2.0 * m1 * m1 * m1;
+    (m1, sd, if sd > 0.0 { third / (variance * sd) } else { 0.0 })
+}

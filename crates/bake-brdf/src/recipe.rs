@@ -1,0 +1,659 @@
+//! The recipe: what a pearl is made of, as strict JSON (`pearl-recipe/1`).
+//!
+//! Every key is optional and has the paper's value as its default; unknown keys are refused. A parsed
+//! [`Recipe`] is always valid: [`Recipe::from_json`] checks ranges and names the field that is wrong.
+
+use crate::transport::{Facets, Normals, Transport};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use thinfilm::{Dispersion, Material};
+
+/// Schema name of the recipes that this version reads.
+pub const SCHEMA: &str = "pearl-recipe/1";
+/// Most layers a recipe may ask for.
+pub const MAX_LAYERS: usize = 1_000_000;
+/// Longest recipe text that is parsed, bytes.
+pub const MAX_BYTES: u64 = 16 << 20;
+/// Largest facet slope standard deviation, degrees.
+pub const MAX_SLOPE_SD_DEG: f64 = 45.0;
+
+/// What a pearl is made of, and how it should look.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Recipe {
+    /// Always "pearl-recipe/1".
+    pub schema: String,
+    /// Name of the pearl.
+    pub name: String,
+    /// Where the values come from: field name → citation. Not used in any computation.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub sources: BTreeMap<String, String>,
+    /// Layers and what surrounds them.
+    pub stack: Stack,
+    /// Facet statistics of every interface.
+    pub facets: FacetStatistics,
+    /// How light leaves the plane of incidence.
+    pub azimuth: Azimuth,
+    /// The artist's controls.
+    pub look: Look,
+    /// The light that the transport problem is solved for.
+    pub light: Light,
+}
+
+/// Layers and what surrounds them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Stack {
+    /// Number of layers (or of pairs, see `count`); 500 unless `explicit` is given, which replaces it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 1, max = 1_000_000))]
+    pub layers: Option<usize>,
+    /// Whether `layers` counts layers or aragonite/conchiolin pairs.
+    pub count: Count,
+    /// The medium outside.
+    pub ambient: Medium,
+    /// Odd layers, counted from the outside.
+    pub aragonite: Layer,
+    /// Even layers.
+    pub conchiolin: Layer,
+    /// What lies under the last layer.
+    pub substrate: Medium,
+    /// An explicit list of layers, outermost first, in place of `layers`, `aragonite` and `conchiolin`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub explicit: Option<Vec<Layer>>,
+    /// Allows k < 0 (gain) in `thinfilm`; a bake refuses it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub gain: bool,
+}
+
+/// What `layers` counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Count {
+    /// Layers in total.
+    #[default]
+    Layers,
+    /// Pairs of one aragonite and one conchiolin layer.
+    Pairs,
+}
+
+/// A half-space.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Medium {
+    /// Real index.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub n: Option<Dispersion>,
+    /// Extinction coefficient.
+    #[serde(default)]
+    pub k: f64,
+}
+
+/// One layer, or one of the two materials of the alternating stack.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Layer {
+    /// Real index.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub n: Option<Dispersion>,
+    /// Extinction coefficient.
+    #[serde(default)]
+    pub k: f64,
+    /// Mean thickness, nm.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    #[schemars(range(min = 0))]
+    pub thickness_nm: Option<f64>,
+    /// Standard deviation of the thickness, nm.
+    #[serde(default)]
+    #[schemars(range(min = 0))]
+    pub thickness_sd_nm: f64,
+}
+
+/// Facet statistics.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct FacetStatistics {
+    /// σ: standard deviation of the tilt (plane) or of each slope (space), degrees.
+    #[schemars(range(min = 0, max = 45))]
+    pub slope_sd_deg: f64,
+    /// Weighting of the facets that a ray meets.
+    pub normals: Normals,
+}
+
+/// How light leaves the plane of incidence.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Azimuth {
+    /// `decay`: the paper's postulate on the plane walk; `walk`: the space walk.
+    pub mode: AzimuthMode,
+    /// Width w of the decay, degrees; null: the standard deviation of the plane lobe at each θi.
+    pub width_deg: Option<f64>,
+}
+
+/// Azimuth mode.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum AzimuthMode {
+    /// The paper's postulate on the plane walk.
+    #[default]
+    Decay,
+    /// The space walk.
+    Walk,
+}
+
+/// The artist's controls (stored with the table; they do not change the walk).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Look {
+    /// Share of incoherent interference in the base, 0 to 1.
+    #[schemars(range(min = 0, max = 1))]
+    pub depth: f64,
+    /// Strength of the lobes, 0 to 1.
+    #[schemars(range(min = 0, max = 1))]
+    pub brightness: f64,
+    /// Degree of coherence γ, 0 to 1.
+    #[schemars(range(min = 0, max = 1))]
+    pub coherence: f64,
+    /// Strength of the bump or normal texture, 0 to 1.
+    #[schemars(range(min = 0, max = 1))]
+    pub grain: f64,
+    /// Body colour ρ, linear sRGB.
+    pub body_rgb: [f64; 3],
+}
+
+/// The light that the transport problem is solved for.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Light {
+    /// Vacuum wavelength at which indices and absorption are taken, nm.
+    #[schemars(range(min = 1))]
+    pub wavelength_nm: f64,
+}
+
+impl Default for Recipe {
+    /// The paper's pearl.
+    fn default() -> Self {
+        Self {
+            schema: SCHEMA.to_owned(),
+            name: "paper".to_owned(),
+            sources: BTreeMap::new(),
+            stack: Stack::default(),
+            facets: FacetStatistics::default(),
+            azimuth: Azimuth::default(),
+            look: Look::default(),
+            light: Light::default(),
+        }
+    }
+}
+
+impl Default for Stack {
+    fn default() -> Self {
+        let layer = |n, thickness_nm| Layer {
+            n: Some(Dispersion::Constant(n)),
+            k: 0.0,
+            thickness_nm: Some(thickness_nm),
+            thickness_sd_nm: 0.0,
+        };
+        let medium = |n| Medium { n: Some(Dispersion::Constant(n)), k: 0.0 };
+        Self {
+            layers: None,
+            count: Count::Layers,
+            ambient: medium(1.0),
+            aragonite: layer(1.53, 450.0),
+            conchiolin: layer(1.43, 25.0),
+            substrate: medium(1.53),
+            explicit: None,
+            gain: false,
+        }
+    }
+}
+
+impl Default for FacetStatistics {
+    fn default() -> Self {
+        Self { slope_sd_deg: 2.0, normals: Normals::Unweighted }
+    }
+}
+
+impl Default for Look {
+    fn default() -> Self {
+        Self { depth: 0.5, brightness: 1.0, coherence: 0.5, grain: 0.0, body_rgb: [0.8, 0.78, 0.75] }
+    }
+}
+
+impl Default for Light {
+    fn default() -> Self {
+        Self { wavelength_nm: 550.0 }
+    }
+}
+
+/// What is wrong with a recipe, in one line.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RecipeError {
+    /// Not JSON, a wrong type, or an unknown key.
+    #[error("{field}{message}")]
+    Syntax {
+        /// Path of the field followed by `: `, or empty.
+        field: String,
+        /// What the parser says.
+        message: String,
+    },
+    /// A value out of its range.
+    #[error("{field}: {value} is not valid; {expected}")]
+    Value {
+        /// Path of the field.
+        field: String,
+        /// The value found.
+        value: String,
+        /// What would be right.
+        expected: String,
+    },
+}
+
+/// A layer of the expanded stack with every default filled in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ResolvedLayer {
+    /// Optical constants.
+    pub material: Material,
+    /// Mean thickness, metres.
+    pub thickness: f64,
+    /// Standard deviation of the thickness, metres.
+    pub thickness_sd: f64,
+}
+
+impl Recipe {
+    /// Parses and checks a recipe.
+    ///
+    /// # Errors
+    /// One line that names the field, the value and what would be right.
+    pub fn from_json(text: &str) -> Result<Self, RecipeError> {
+        let mut deserializer = serde_json::Deserializer::from_str(text);
+        let mut recipe: Self =
+            serde_path_to_error::deserialize(&mut deserializer).map_err(|error| RecipeError::Syntax {
+                field: match error.path().to_string() {
+                    path if path == "." => String::new(),
+                    path => format!("{path}: "),
+                },
+                message: error.inner().to_string(),
+            })?;
+        deserializer
+            .end()
+            .map_err(|error| RecipeError::Syntax { field: String::new(), message: error.to_string() })?;
+        recipe.stack.fill_defaults();
+        recipe.check()?;
+        Ok(recipe)
+    }
+
+    /// The recipe as JSON, every default filled in.
+    #[must_use]
+    pub fn to_json(&self) -> serde_json::Value {
+        let mut whole = self.clone();
+        whole.stack.fill_defaults();
+        // Serialising plain structs of numbers and strings cannot fail.
+        serde_json::to_value(whole).unwrap_or_default()
+    }
+
+    /// The JSON Schema of a recipe.
+    #[must_use]
+    pub fn json_schema() -> serde_json::Value {
+        let mut schema = schemars::schema_for!(Recipe).to_value();
+        if let Some(properties) = schema.get_mut("properties").and_then(|p| p.get_mut("schema")) {
+            *properties =
+                serde_json::json!({ "const": SCHEMA, "description": "Version of the recipe format." });
+        }
+        schema
+    }
+
+    /// Checks every range; [`Recipe::from_json`] calls it.
+    ///
+    /// # Errors
+    /// The first field that is out of range.
+    pub fn check(&self) -> Result<(), RecipeError> {
+        if self.schema != SCHEMA {
+            return Err(wrong(
+                "schema",
+                format!("{:?}", self.schema),
+                format!("this version reads {SCHEMA:?}"),
+            ));
+        }
+        self.stack.check()?;
+        let sigma = self.facets.slope_sd_deg;
+        within("facets.slope_sd_deg", sigma, 0.0, MAX_SLOPE_SD_DEG, "degrees")?;
+        if let Some(width) = self.azimuth.width_deg {
+            within("azimuth.width_deg", width, 1e-6, 1e4, "degrees")?;
+        }
+        let look = &self.look;
+        for (field, value) in [
+            ("look.depth", look.depth),
+            ("look.brightness", look.brightness),
+            ("look.coherence", look.coherence),
+            ("look.grain", look.grain),
+        ] {
+            within(field, value, 0.0, 1.0, "")?;
+        }
+        for (i, &channel) in look.body_rgb.iter().enumerate() {
+            within(&format!("look.body_rgb[{i}]"), channel, 0.0, 1.0, "(linear sRGB)")?;
+        }
+        within("light.wavelength_nm", self.light.wavelength_nm, 1.0, 1e7, "nm")
+    }
+
+    /// Vacuum wavelength of the transport problem, metres.
+    #[must_use]
+    pub fn wavelength(&self) -> f64 {
+        self.light.wavelength_nm * 1e-9
+    }
+
+    /// The stack of layers for wave optics, with mean thicknesses and their spread; an alternating stack stays
+    /// periodic, so that its cost does not grow with its layers.
+    #[must_use]
+    pub fn film_stack(&self) -> thinfilm::Stack {
+        let stack = &self.stack;
+        let gain = if stack.gain { thinfilm::Gain::Allowed } else { thinfilm::Gain::Refused };
+        let (ambient, substrate) = (stack.ambient.material(), stack.substrate.material());
+        let Some(explicit) = &stack.explicit else {
+            let part = |layer: &Layer| {
+                let ResolvedLayer { material, thickness, thickness_sd } = layer.resolved();
+                (material, thickness, thickness_sd)
+            };
+            let layers = stack.layer_count() as u64;
+            let film = thinfilm::Stack::alternating(
+                ambient,
+                part(&stack.aragonite),
+                part(&stack.conchiolin),
+                layers,
+                substrate,
+            );
+            return thinfilm::Stack { gain, ..film };
+        };
+        let resolved: Vec<ResolvedLayer> = explicit.iter().map(Layer::resolved).collect();
+        let unit = resolved.iter().enumerate().map(|(material, layer)| thinfilm::StackLayer {
+            material,
+            thickness: layer.thickness,
+            thickness_sd: layer.thickness_sd,
+        });
+        thinfilm::Stack {
+            ambient,
+            runs: vec![thinfilm::StackRun { unit: unit.collect(), repeat: 1 }],
+            materials: resolved.into_iter().map(|layer| layer.material).collect(),
+            substrate,
+            gain,
+        }
+    }
+
+    /// The transport problem at a vacuum wavelength in metres.
+    ///
+    /// # Errors
+    /// A dispersion table that does not cover the wavelength, gain, or an absorbing ambient.
+    pub fn transport(&self, wavelength: f64) -> Result<Transport, RecipeError> {
+        let index = |field: &str, material: &Material| {
+            let index = material.index(wavelength).map_err(|error| RecipeError::Syntax {
+                field: format!("{field}.n: "),
+                message: error.to_string(),
+            })?;
+            if index.im < 0.0 {
+                return Err(wrong(&format!("{field}.k"), index.im, "a bake needs k >= 0 (no gain)"));
+            }
+            Ok(index)
+        };
+        let stack = &self.stack;
+        let ambient = index("stack.ambient", &stack.ambient.material())?;
+        if ambient.im > 0.0 {
+            return Err(wrong(
+                "stack.ambient.k",
+                ambient.im,
+                "light arrives through the ambient: k must be 0",
+            ));
+        }
+        let mut indices = vec![ambient.re];
+        let mut optical_depths = Vec::with_capacity(stack.layer_count());
+        let mut push = |field: &str, layer: &ResolvedLayer| {
+            let index = index(field, &layer.material)?;
+            indices.push(index.re);
+            optical_depths.push(4.0 * std::f64::consts::PI * index.im * layer.thickness / wavelength);
+            Ok(())
+        };
+        for (i, (field, layer)) in stack.expanded().iter().enumerate() {
+            push(&field.replace("{i}", &i.to_string()), layer)?;
+        }
+        indices.push(index("stack.substrate", &stack.substrate.material())?.re);
+        Ok(Transport {
+            indices,
+            optical_depths,
+            facets: Facets { slope_sd: self.facets.slope_sd_deg.to_radians(), normals: self.facets.normals },
+        })
+    }
+}
+
+impl Stack {
+    /// L, the number of layers.
+    #[must_use]
+    pub fn layer_count(&self) -> usize {
+        match (&self.explicit, self.count) {
+            (Some(layers), _) => layers.len(),
+            (None, Count::Layers) => self.layers.unwrap_or(500),
+            (None, Count::Pairs) => self.layers.unwrap_or(500).saturating_mul(2),
+        }
+    }
+
+    /// Every layer from the outside in, defaults filled in.
+    #[must_use]
+    pub fn layers_resolved(&self) -> Vec<ResolvedLayer> {
+        self.expanded().into_iter().map(|(_, layer)| layer).collect()
+    }
+
+    /// The layers with the recipe field that each comes from (`{i}` stands for the layer number).
+    fn expanded(&self) -> Vec<(&'static str, ResolvedLayer)> {
+        if let Some(layers) = &self.explicit {
+            return layers.iter().map(|layer| ("stack.explicit[{i}]", layer.resolved())).collect();
+        }
+        let odd = ("stack.aragonite", self.aragonite.resolved());
+        let even = ("stack.conchiolin", self.conchiolin.resolved());
+        (0..self.layer_count()).map(|i| if i % 2 == 0 { odd.clone() } else { even.clone() }).collect()
+    }
+
+    fn fill_defaults(&mut self) {
+        let default = Self::default();
+        if self.explicit.is_none() {
+            self.layers = self.layers.or(Some(500));
+        }
+        for (medium, default) in
+            [(&mut self.ambient, &default.ambient), (&mut self.substrate, &default.substrate)]
+        {
+            if medium.n.is_none() {
+                medium.n.clone_from(&default.n);
+            }
+        }
+        self.aragonite.fill_from(&default.aragonite);
+        self.conchiolin.fill_from(&default.conchiolin);
+    }
+
+    fn check(&self) -> Result<(), RecipeError> {
+        if let (Some(layers), Some(_)) = (self.layers, &self.explicit) {
+            return Err(wrong("stack.layers", layers, "give either layers or explicit, not both"));
+        }
+        if let Some(layers) = self.layers
+            && !(1..=MAX_LAYERS).contains(&self.layer_count())
+        {
+            return Err(wrong("stack.layers", layers, format!("a stack has 1 to {MAX_LAYERS} layers")));
+        }
+        self.ambient.check("stack.ambient", self.gain)?;
+        self.substrate.check("stack.substrate", self.gain)?;
+        let Some(explicit) = &self.explicit else {
+            self.aragonite.check("stack.aragonite", self.gain)?;
+            return self.conchiolin.check("stack.conchiolin", self.gain);
+        };
+        if !(1..=MAX_LAYERS).contains(&explicit.len()) {
+            let found = format!("a list of {}", explicit.len());
+            return Err(wrong("stack.explicit", found, format!("a stack has 1 to {MAX_LAYERS} layers")));
+        }
+        for (i, layer) in explicit.iter().enumerate() {
+            let field = format!("stack.explicit[{i}]");
+            if layer.n.is_none() {
+                return Err(wrong(&format!("{field}.n"), "missing", "an explicit layer needs n"));
+            }
+            if layer.thickness_nm.is_none() {
+                return Err(wrong(
+                    &format!("{field}.thickness_nm"),
+                    "missing",
+                    "an explicit layer needs a thickness",
+                ));
+            }
+            layer.check(&field, self.gain)?;
+        }
+        Ok(())
+    }
+}
+
+impl Medium {
+    /// Optical constants.
+    #[must_use]
+    pub fn material(&self) -> Material {
+        Material { n: self.n.clone().unwrap_or(Dispersion::Constant(1.0)), k: self.k }
+    }
+
+    fn check(&self, field: &str, gain: bool) -> Result<(), RecipeError> {
+        check_constants(field, self.n.as_ref(), self.k, gain)
+    }
+}
+
+impl Layer {
+    fn fill_from(&mut self, default: &Self) {
+        if self.n.is_none() {
+            self.n.clone_from(&default.n);
+        }
+        self.thickness_nm = self.thickness_nm.or(default.thickness_nm);
+    }
+
+    fn resolved(&self) -> ResolvedLayer {
+        ResolvedLayer {
+            material: Material { n: self.n.clone().unwrap_or(Dispersion::Constant(1.0)), k: self.k },
+            thickness: self.thickness_nm.unwrap_or(0.0) * 1e-9,
+            thickness_sd: self.thickness_sd_nm * 1e-9,
+        }
+    }
+
+    fn check(&self, field: &str, gain: bool) -> Result<(), RecipeError> {
+        check_constants(field, self.n.as_ref(), self.k, gain)?;
+        let thickness = self.thickness_nm.unwrap_or(0.0);
+        within(&format!("{field}.thickness_nm"), thickness, 0.0, 1e9, "nm")?;
+        within(
+            &format!("{field}.thickness_sd_nm"),
+            self.thickness_sd_nm,
+            0.0,
+            thickness,
+            "nm (its thickness)",
+        )
+    }
+}
+
+fn check_constants(field: &str, n: Option<&Dispersion>, k: f64, gain: bool) -> Result<(), RecipeError> {
+    if let Some(Dispersion::Constant(n)) = n {
+        within(&format!("{field}.n"), *n, 0.05, 20.0, "")?;
+    }
+    if let Some(Dispersion::Table(rows)) = n
+        && let Some(row) = rows.iter().find(|row| row[2] < 0.0 && !gain)
+    {
+        return Err(wrong(&format!("{field}.n.table"), format!("k = {}", row[2]), "k must be >= 0"));
+    }
+    if k < 0.0 && !gain {
+        return Err(wrong(
+            &format!("{field}.k"),
+            k,
+            "k must be >= 0 (absorption); \"gain\": true in the stack allows less",
+        ));
+    }
+    within(&format!("{field}.k"), k, -1e3, 1e3, "")
+}
+
+fn wrong(field: &str, value: impl ToString, expected: impl Into<String>) -> RecipeError {
+    RecipeError::Value { field: field.to_owned(), value: value.to_string(), expected: expected.into() }
+}
+
+fn within(field: &str, value: f64, lo: f64, hi: f64, unit: &str) -> Result<(), RecipeError> {
+    if value.is_finite() && (lo..=hi).contains(&value) {
+        return Ok(());
+    }
+    let expected = format!("expected a number from {lo} to {hi} {unit}");
+    Err(wrong(field, value, expected.trim_end()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_empty_recipe_is_the_papers_pearl() {
+        let recipe = Recipe::from_json("{}").unwrap();
+        assert_eq!(recipe.transport(550e-9).unwrap(), Transport::paper());
+    }
+
+    #[test]
+    fn a_recipe_survives_its_own_json() {
+        let text =
+            r#"{"stack":{"layers":7,"count":"pairs","aragonite":{"n":{"cauchy":[1.5,0.01]},"k":1e-4}}}"#;
+        let recipe = Recipe::from_json(text).unwrap();
+        assert_eq!(
+            recipe.stack.aragonite.thickness_nm,
+            Some(450.0),
+            "a key left out keeps the paper's value"
+        );
+        let bare = Recipe::from_json(r#"{"stack":{"substrate":{"k":0.1}}}"#).unwrap();
+        assert_eq!(bare.stack.substrate.n, Some(Dispersion::Constant(1.53)));
+        let again = Recipe::from_json(&recipe.to_json().to_string()).unwrap();
+        assert_eq!(recipe, again);
+        assert_eq!(again.transport(550e-9).unwrap().layers(), 14);
+    }
+
+    #[test]
+    fn optical_depth_is_four_pi_k_d_over_lambda() {
+        let text = r#"{"stack":{"layers":1,"aragonite":{"k":0.01,"thickness_nm":550}}}"#;
+        let transport = Recipe::from_json(text).unwrap().transport(550e-9).unwrap();
+        assert!((transport.optical_depths[0] - 4.0 * std::f64::consts::PI * 0.01).abs() < 1e-12);
+    }
+
+    #[test]
+    fn nonsense_is_refused_in_one_line_that_names_the_field() {
+        for (text, field) in [
+            (r#"{"stak":{}}"#, "stak"),
+            (r#"{"stack":{"layers":0}}"#, "stack.layers"),
+            (r#"{"stack":{"layers":2.5}}"#, "stack.layers"),
+            (r#"{"stack":{"layers":-3}}"#, "stack.layers"),
+            (r#"{"stack":{"aragonite":{"thickness_nm":-450}}}"#, "stack.aragonite.thickness_nm"),
+            (r#"{"stack":{"aragonite":{"n":0}}}"#, "stack.aragonite.n"),
+            (r#"{"stack":{"substrate":{"n":"glass"}}}"#, "stack.substrate.n"),
+            (r#"{"stack":{"conchiolin":{"k":-1}}}"#, "stack.conchiolin.k"),
+            (r#"{"stack":{"explicit":[]}}"#, "stack.explicit"),
+            (r#"{"stack":{"explicit":[{"n":1.5}]}}"#, "stack.explicit[0].thickness_nm"),
+            (r#"{"stack":{"layers":3,"explicit":[{"n":1.5,"thickness_nm":10}]}}"#, "stack.layers"),
+            (r#"{"facets":{"slope_sd_deg":90}}"#, "facets.slope_sd_deg"),
+            (r#"{"facets":{"slope_sd_deg":-1}}"#, "facets.slope_sd_deg"),
+            (r#"{"facets":{"slope_sd_deg":NaN}}"#, ""),
+            (r#"{"facets":{"normals":"blinn"}}"#, "facets.normals"),
+            (r#"{"look":{"depth":1.5}}"#, "look.depth"),
+            (r#"{"look":{"body_rgb":[1,1]}}"#, "look.body_rgb"),
+            (r#"{"schema":"pearl-recipe/2"}"#, "schema"),
+            (r#"{"light":{"wavelength_nm":0}}"#, "light.wavelength_nm"),
+            ("{} {}", ""),
+            ("", ""),
+        ] {
+            let line = Recipe::from_json(text).expect_err(text).to_string();
+            assert!(line.contains(field) && !line.contains('\n'), "{text}: {line}");
+        }
+    }
+
+    #[test]
+    fn a_table_that_misses_the_wavelength_is_named() {
+        let text = r#"{"stack":{"aragonite":{"n":{"table":[[400,1.6,0],[500,1.6,0]]}}}}"#;
+        let line = Recipe::from_json(text).unwrap().transport(550e-9).unwrap_err().to_string();
+        assert!(line.contains("stack.aragonite.n") && line.contains("400 to 500 nm"), "{line}");
+    }
+
+    #[test]
+    fn the_schema_names_every_key_of_the_default_recipe() {
+        let schema = Recipe::json_schema().to_string();
+        for key in ["slope_sd_deg", "thickness_sd_nm", "width_deg", "body_rgb", "wavelength_nm", "explicit"] {
+            assert!(schema.contains(key), "{key}");
+        }
+    }
+}

@@ -1,0 +1,358 @@
+//! The production walk: many paths at once, in lanes that the compiler turns into SIMD vectors.
+//!
+//! See `docs/WALK.md` for the method. Everything here is made of operations that IEEE 754 rounds correctly, and a
+//! path's numbers come from its own generator, so that the exits are the same bits for any instruction set, any
+//! split of the path numbers, and any number of threads.
+
+mod draws;
+mod drive;
+mod event;
+mod real;
+mod simd;
+
+use std::ops::Range;
+
+use self::draws::{Normal, Stream, TiltSinCos};
+use self::drive::Job;
+use self::event::{ALTERNATING, CROSSING, Constants, EXPLICIT, HALVINGS, PERIODIC, Problem, SPACE};
+use self::real::Real;
+pub use self::simd::SimdLevel;
+use super::Exit;
+use crate::transport::{Geometry, Normals, Transport};
+
+/// The floating-point type that geometry is computed in. Random numbers are the same in both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// 32 bits where that is harmless, else 64: see [`Precision::resolve`].
+    Auto,
+    /// 32 bits.
+    F32,
+    /// 64 bits: half as fast.
+    F64,
+}
+
+/// Slope deviation below which 32-bit directions are too coarse (radians): rounding moves a ray by about 10⁻⁷ an
+/// event, some 10⁻⁶ over a walk, which must stay far below σ.
+const F32_SLOPE_MIN: f64 = 3.5e-4;
+/// Index contrast |n1/n2 − 1| below which 32-bit cosines are too coarse: their difference carries r_s, with a
+/// relative rounding of about 10⁻⁷ over the contrast.
+const F32_CONTRAST_MIN: f64 = 1e-3;
+
+impl Precision {
+    /// F32 or F64 for a stack: F64 if 0.02° > σ or if an interface has an index contrast in (0, 10⁻³).
+    #[must_use]
+    pub fn resolve(self, transport: &Transport) -> Self {
+        if self != Self::Auto {
+            return self;
+        }
+        let faint = |pair: &[f64]| pair[0] != pair[1] && (pair[0] / pair[1] - 1.0).abs() < F32_CONTRAST_MIN;
+        if transport.facets.slope_sd < F32_SLOPE_MIN || transport.indices.windows(2).any(faint) {
+            return Self::F64;
+        }
+        Self::F32
+    }
+}
+
+/// Why a stack cannot be walked.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum WalkError {
+    /// The media and layers do not match.
+    #[error(
+        "{indices} indices for {layers} layers: there must be one for each, the ambient and the substrate"
+    )]
+    Media {
+        /// How many indices there are.
+        indices: usize,
+        /// How many layers there are.
+        layers: usize,
+    },
+    /// An index that is not a positive number.
+    #[error("index of medium {medium} is {value}: it must be positive and finite")]
+    Index {
+        /// Which medium.
+        medium: usize,
+        /// Its index.
+        value: f64,
+    },
+    /// A negative or undefined optical depth.
+    #[error("optical depth of layer {layer} is {value}: it must not be negative")]
+    Depth {
+        /// Which layer, from 1.
+        layer: usize,
+        /// Its optical depth.
+        value: f64,
+    },
+    /// A slope deviation out of range.
+    #[error("slope deviation is {0} rad: it must lie in [0, 0.96] (0 to 55 degrees)")]
+    SlopeSd(f64),
+    /// An instruction set that this processor lacks.
+    #[error("this processor has no {0}")]
+    Simd(SimdLevel),
+}
+
+/// Largest slope deviation (radians): the tilts drawn must stay within the reach of their sine and cosine.
+const SLOPE_SD_MAX: f64 = 0.96;
+
+/// A stack made ready to be walked.
+#[derive(Clone, Debug)]
+pub struct Walker {
+    problem: Either,
+    variant: Variant,
+    level: SimdLevel,
+}
+
+#[derive(Clone, Debug)]
+enum Either {
+    F32(Problem<f32>),
+    F64(Problem<f64>),
+}
+
+/// The compile-time parameters of a kernel.
+#[derive(Clone, Copy, Debug)]
+struct Variant {
+    shape: u8,
+    visible: bool,
+    absorb: bool,
+    stack: u8,
+}
+
+impl Walker {
+    /// Prepares a stack. `level` forces an instruction set; `None` takes the best of this processor.
+    ///
+    /// # Errors
+    /// Values out of range, or an instruction set that the processor lacks.
+    pub fn new(
+        transport: &Transport,
+        geometry: Geometry,
+        precision: Precision,
+        level: Option<SimdLevel>,
+    ) -> Result<Self, WalkError> {
+        check(transport)?;
+        let level = level.unwrap_or_else(SimdLevel::detect);
+        if !level.is_supported() {
+            return Err(WalkError::Simd(level));
+        }
+        let sd = transport.facets.slope_sd;
+        let reaches = |&h: &u8| sd * Normal::MAX <= TiltSinCos::<f64>::REACH * f64::from(1 << h);
+        let shape = match geometry {
+            Geometry::Space => SPACE,
+            Geometry::Plane => 1 + HALVINGS.into_iter().find(reaches).ok_or(WalkError::SlopeSd(sd))?,
+        };
+        let variant = Variant {
+            shape,
+            // A flat interface has one facet only.
+            visible: transport.facets.normals == Normals::Visible && sd > 0.0,
+            absorb: transport.absorbs(),
+            stack: stack(transport),
+        };
+        let problem = match precision.resolve(transport) {
+            Precision::F64 => Either::F64(Problem::new(transport, geometry)),
+            _ => Either::F32(Problem::new(transport, geometry)),
+        };
+        Ok(Self { problem, variant, level })
+    }
+
+    /// The precision in use: F32 or F64.
+    #[must_use]
+    pub fn precision(&self) -> Precision {
+        match self.problem {
+            Either::F32(_) => Precision::F32,
+            Either::F64(_) => Precision::F64,
+        }
+    }
+
+    /// The instruction set in use.
+    #[must_use]
+    pub fn level(&self) -> SimdLevel {
+        self.level
+    }
+
+    /// Walks the numbered `paths` of incidence `theta_i` (radians, 0 to π/2), writes their exits to `out` in path
+    /// order, and returns the number of crossings (facets met) in all.
+    ///
+    /// A path that has not ended after `event_cap` crossings is [`Truncated`](super::Fate::Truncated). The exits
+    /// depend on (stack, precision, `theta_i`, `seed`, path number, `event_cap`) alone. The last paths of a call run
+    /// in lanes that empty, so calls of many thousand paths are cheapest.
+    ///
+    /// # Panics
+    /// If `out` is not as long as `paths`.
+    pub fn run(&self, theta_i: f64, seed: u64, paths: Range<u64>, event_cap: u32, out: &mut [Exit]) -> u64 {
+        let count = usize::try_from(paths.end.saturating_sub(paths.start)).expect("paths fit in memory");
+        assert_eq!(out.len(), count, "one exit a path");
+        let theta_i = theta_i.clamp(0.0, std::f64::consts::FRAC_PI_2);
+        let job = Job {
+            sin_i: libm::sin(theta_i),
+            cos_i: libm::cos(theta_i),
+            stream: Stream::new(seed, theta_i),
+            paths,
+            event_cap: event_cap.clamp(1, u32::MAX / CROSSING - 1),
+        };
+        match &self.problem {
+            Either::F32(problem) => run(self.level, self.variant, problem, &job, out),
+            Either::F64(problem) => run(self.level, self.variant, problem, &job, out),
+        }
+    }
+}
+
+fn check(transport: &Transport) -> Result<(), WalkError> {
+    let (indices, layers) = (transport.indices.len(), transport.layers());
+    if indices != layers + 2 || i32::try_from(indices).is_err() {
+        return Err(WalkError::Media { indices, layers });
+    }
+    let bad_index = |n: &f64| !(n.is_finite() && *n > 0.0);
+    if let Some(medium) = transport.indices.iter().position(bad_index) {
+        return Err(WalkError::Index { medium, value: transport.indices[medium] });
+    }
+    if let Some(layer) = transport.optical_depths.iter().position(|depth| depth.is_nan() || *depth < 0.0) {
+        return Err(WalkError::Depth { layer: layer + 1, value: transport.optical_depths[layer] });
+    }
+    if !(0.0..=SLOPE_SD_MAX).contains(&transport.facets.slope_sd) {
+        return Err(WalkError::SlopeSd(transport.facets.slope_sd));
+    }
+    Ok(())
+}
+
+/// How the layers repeat.
+fn stack(transport: &Transport) -> u8 {
+    let layers = 1..=transport.layers();
+    let same_index = |i: usize| i <= 2 || transport.indices[i] == transport.indices[i - 2];
+    let same_depth = |i: usize| i <= 2 || transport.optical_depths[i - 1] == transport.optical_depths[i - 3];
+    if !layers.into_iter().all(|i| same_index(i) && same_depth(i)) {
+        return EXPLICIT;
+    }
+    let continues = transport.layers() >= 2 && same_index(transport.layers() + 1);
+    if continues { PERIODIC } else { ALTERNATING }
+}
+
+impl<R: Real> Problem<R> {
+    fn new(transport: &Transport, geometry: Geometry) -> Self {
+        let n = &transport.indices;
+        let layers = transport.layers();
+        let ratio = |from: usize, to: usize| R::from_f64(n[from] / n[to]);
+        // With fewer than two layers no interface lies between layers.
+        let inner = |from: usize, to: usize| if layers >= 2 { ratio(from, to) } else { R::ONE };
+        let depth =
+            |layer: usize| transport.optical_depths.get(layer - 1).map_or(R::ZERO, |&d| R::from_f64(d));
+        let sd = transport.facets.slope_sd;
+        let tilt_max = (6.5 * sd).min(80_f64.to_radians());
+        let slope_max = match geometry {
+            Geometry::Plane => tilt_max.tan(),
+            Geometry::Space => Normal::MAX * sd,
+        };
+        let constants = Constants {
+            last: layers as i32,
+            odd: inner(1, 2),
+            even: inner(2, 1),
+            enter: ratio(0, 1),
+            leave: ratio(1, 0),
+            out: ratio(layers, layers + 1),
+            back: ratio(layers + 1, layers),
+            depth_odd: depth(1),
+            depth_even: depth(2),
+            normal: Normal::new(sd),
+            tilt: TiltSinCos::new(),
+            slope_max: R::from_f64(slope_max),
+            tilt_max: tilt_max as f32,
+        };
+        if stack(transport) != EXPLICIT {
+            return Self { constants, ratios: Vec::new(), depths: Vec::new() };
+        }
+        let ratios = (0..=layers).flat_map(|upper| [ratio(upper, upper + 1), ratio(upper + 1, upper)]);
+        let depths = (0..layers + 2).map(|medium| if medium == 0 { R::ZERO } else { depth(medium) });
+        Self { constants, ratios: ratios.collect(), depths: depths.collect() }
+    }
+}
+
+/// Runs the kernel of a variant, compiled for a level.
+///
+/// Not every combination has a kernel of its own: the default walk (32 bits, no effect) has the leanest for each
+/// geometry and stack; with an effect a periodic stack is any alternating one; 64-bit plane walks always halve tilts.
+fn run<R: Real>(
+    level: SimdLevel,
+    variant: Variant,
+    problem: &Problem<R>,
+    job: &Job,
+    out: &mut [Exit],
+) -> u64 {
+    let wide = size_of::<R>() > 4;
+    match variant.shape {
+        SPACE => shaped::<R, SPACE>(level, variant, problem, job, out),
+        1 if !wide => shaped::<R, 1>(level, variant, problem, job, out),
+        3 if !wide => shaped::<R, 3>(level, variant, problem, job, out),
+        _ => shaped::<R, 6>(level, variant, problem, job, out),
+    }
+}
+
+fn shaped<R: Real, const SHAPE: u8>(
+    level: SimdLevel,
+    variant: Variant,
+    problem: &Problem<R>,
+    job: &Job,
+    out: &mut [Exit],
+) -> u64 {
+    match (variant.visible, variant.absorb, variant.stack) {
+        (false, false, PERIODIC) => compiled::<R, SHAPE, false, false, PERIODIC>(level, problem, job, out),
+        (false, false, _) => stacked::<R, SHAPE, false, false>(level, variant, problem, job, out),
+        (false, true, _) => stacked::<R, SHAPE, false, true>(level, variant, problem, job, out),
+        (true, false, _) => stacked::<R, SHAPE, true, false>(level, variant, problem, job, out),
+        (true, true, _) => stacked::<R, SHAPE, true, true>(level, variant, problem, job, out),
+    }
+}
+
+fn stacked<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool>(
+    level: SimdLevel,
+    variant: Variant,
+    problem: &Problem<R>,
+    job: &Job,
+    out: &mut [Exit],
+) -> u64 {
+    match variant.stack {
+        EXPLICIT => compiled::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT>(level, problem, job, out),
+        _ => compiled::<R, SHAPE, VISIBLE, ABSORB, ALTERNATING>(level, problem, job, out),
+    }
+}
+
+/// Whether the build's target has a fused multiply-add of its own.
+const FUSED: bool = cfg!(any(target_feature = "fma", target_arch = "aarch64"));
+
+/// The one place where a kernel meets an instruction set.
+#[allow(unsafe_code)] // Run-time dispatch makes the walk several times as fast as the build's own target allows.
+fn compiled<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
+    level: SimdLevel,
+    problem: &Problem<R>,
+    job: &Job,
+    out: &mut [Exit],
+) -> u64 {
+    match level {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Walker::new` is the only source of levels and refuses what `is_supported` denies; it asks the
+        // processor for every feature that the function is compiled for.
+        SimdLevel::Avx512 => unsafe { avx512::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: as above.
+        SimdLevel::Avx2 => unsafe { avx2::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out) },
+        _ => drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, FUSED>(problem, job, out),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
+fn avx512<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
+    problem: &Problem<R>,
+    job: &Job,
+    out: &mut [Exit],
+) -> u64 {
+    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true>(problem, job, out)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn avx2<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
+    problem: &Problem<R>,
+    job: &Job,
+    out: &mut [Exit],
+) -> u64 {
+    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true>(problem, job, out)
+}

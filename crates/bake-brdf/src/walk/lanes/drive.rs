@@ -1,0 +1,388 @@
+//! Lanes of paths: sweep, harvest, refill.
+
+use std::ops::Range;
+
+use super::draws::{Generator, Pair, Stream, uniform};
+use super::event::{Ahead, CROSSING, ENTERED, EXPLICIT, Facet, Problem, Ray, SPACE};
+use super::real::Real;
+use crate::walk::{Exit, Fate};
+
+/// Paths that one sweep moves on by one event (two in the plane): enough independent chains to hide the latency of
+/// the square root and the division, few enough to stay in the first-level cache.
+const LANES: usize = 128;
+/// Lanes are dropped by the block when paths run out.
+const BLOCK: usize = 16;
+/// Slot of a lane that carries no path.
+const IDLE: usize = usize::MAX;
+
+/// Optical depth up to which absorption is a weight; beyond it a path survives with probability exp(−(τ − τ0)),
+/// which is unbiased and bounds the events spent on light that is gone.
+const WEIGHT_DEPTH: f64 = 6.0;
+
+/// One call: some paths of one incidence.
+#[derive(Clone, Debug)]
+pub(crate) struct Job {
+    pub(crate) sin_i: f64,
+    pub(crate) cos_i: f64,
+    pub(crate) stream: Stream,
+    pub(crate) paths: Range<u64>,
+    pub(crate) event_cap: u32,
+}
+
+/// The state of all lanes, one array a variable.
+struct Lanes<R> {
+    x: [R; LANES],
+    y: [R; LANES],
+    z: [R; LANES],
+    interface: [i32; LANES],
+    step: [i32; LANES],
+    met: [u32; LANES],
+    depth: [R; LANES],
+    limit: [R; LANES],
+    /// Explicit stacks: see [`Ahead`].
+    ratio: [R; LANES],
+    here: [R; LANES],
+    beyond: [R; LANES],
+    /// Random numbers of this sweep: tilts (or slopes), uniforms for the choice and for the projected area.
+    tilts: [[f32; LANES]; 2],
+    choices: [[f32; LANES]; 2],
+    weights: [[f32; LANES]; 2],
+    generator: [[u32; LANES]; 4],
+    done: [i32; LANES],
+    slot: [usize; LANES],
+}
+
+impl<R: Real> Lanes<R> {
+    fn idle(problem: &Problem<R>) -> Self {
+        let mut lanes = Self {
+            x: [R::ZERO; LANES],
+            y: [R::ZERO; LANES],
+            z: [R::ONE; LANES],
+            interface: [0; LANES],
+            step: [1; LANES],
+            met: [0; LANES],
+            depth: [R::ZERO; LANES],
+            limit: [R::ZERO; LANES],
+            ratio: [R::ONE; LANES],
+            here: [R::ZERO; LANES],
+            beyond: [R::ZERO; LANES],
+            tilts: [[0.0; LANES]; 2],
+            choices: [[0.0; LANES]; 2],
+            weights: [[0.0; LANES]; 2],
+            generator: [[1; LANES]; 4],
+            done: [0; LANES],
+            slot: [IDLE; LANES],
+        };
+        (0..LANES).for_each(|lane| lanes.rest(lane, problem));
+        lanes
+    }
+
+    /// Parks a lane without a path in the middle of the stack, where it disturbs nobody.
+    fn rest(&mut self, lane: usize, problem: &Problem<R>) {
+        let middle = Ray {
+            x: R::ZERO,
+            y: R::ZERO,
+            z: R::ONE,
+            interface: problem.constants.last / 2,
+            step: 1,
+            met: 0,
+            depth: R::ZERO,
+        };
+        self.set::<true>(lane, middle);
+        self.slot[lane] = IDLE;
+        self.limit[lane] = R::from_f64(f64::INFINITY);
+        (0..4).for_each(|word| self.generator[word][lane] = 1 + lane as u32);
+    }
+
+    #[inline(always)]
+    fn get(&self, lane: usize) -> Ray<R> {
+        Ray {
+            x: self.x[lane],
+            y: self.y[lane],
+            z: self.z[lane],
+            interface: self.interface[lane],
+            step: self.step[lane],
+            met: self.met[lane],
+            depth: self.depth[lane],
+        }
+    }
+
+    #[inline(always)]
+    fn set<const ABSORB: bool>(&mut self, lane: usize, ray: Ray<R>) {
+        self.x[lane] = ray.x;
+        self.y[lane] = ray.y;
+        self.z[lane] = ray.z;
+        self.interface[lane] = ray.interface;
+        self.step[lane] = ray.step;
+        self.met[lane] = ray.met;
+        if ABSORB {
+            self.depth[lane] = ray.depth;
+        }
+    }
+
+    /// Starts path number `path` in a lane.
+    #[inline(always)]
+    fn start<const ABSORB: bool>(&mut self, lane: usize, job: &Job, path: u64) {
+        let (generator, spare) = job.stream.path(path);
+        let ray = Ray {
+            x: R::from_f64(job.sin_i),
+            y: R::ZERO,
+            z: R::from_f64(job.cos_i),
+            interface: 0,
+            step: 1,
+            met: 0,
+            depth: R::ZERO,
+        };
+        self.set::<true>(lane, ray);
+        (0..4).for_each(|word| self.generator[word][lane] = generator.state[word]);
+        self.slot[lane] = (path - job.paths.start) as usize;
+        if ABSORB {
+            let budget = -libm::log((f64::from(spare) + 0.5) / 4_294_967_296.0);
+            self.limit[lane] = R::from_f64(WEIGHT_DEPTH + budget);
+        }
+    }
+
+    /// Moves the path of lane `from` to lane `to`.
+    fn shift(&mut self, from: usize, to: usize) {
+        self.set::<true>(to, self.get(from));
+        self.limit[to] = self.limit[from];
+        (0..4).for_each(|word| self.generator[word][to] = self.generator[word][from]);
+        self.slot[to] = self.slot[from];
+    }
+
+    /// How the path of a lane ended.
+    #[inline(always)]
+    fn exit(&self, lane: usize, problem: &Problem<R>) -> Exit {
+        let ray = self.get(lane);
+        let depth = ray.depth.to_f64();
+        let fate = if ray.interface < 0 {
+            match ray.met {
+                CROSSING => Fate::Single,
+                met if met & ENTERED == 0 => Fate::Rehit,
+                _ => Fate::Interior,
+            }
+        } else if ray.interface > problem.constants.last {
+            Fate::Transmitted
+        } else if ray.depth > self.limit[lane] {
+            Fate::Absorbed
+        } else {
+            Fate::Truncated
+        };
+        let weight = if depth > 0.0 { libm::exp(-depth.min(WEIGHT_DEPTH)) } else { 1.0 };
+        Exit { direction: [ray.x, ray.y, ray.z].map(|v| v.to_f64() as f32), weight: weight as f32, fate }
+    }
+
+    /// One event (two in the plane) for each of the first `count` lanes; whether any path ended.
+    ///
+    /// Drawing, looking up and moving are loops of their own: short chains of dependent operations, of which the
+    /// processor overlaps several.
+    #[inline(always)]
+    fn sweep<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8, const FUSED: bool>(
+        &mut self,
+        problem: &Problem<R>,
+        count: usize,
+    ) -> bool {
+        let count = count.min(LANES);
+        self.draw::<SHAPE, VISIBLE, FUSED>(problem, count);
+        if STACK != EXPLICIT {
+            return self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, BOTH>(problem, count);
+        }
+        self.look_ahead(problem, count);
+        let ended = self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, FIRST>(problem, count);
+        if SHAPE == SPACE {
+            return ended;
+        }
+        self.look_ahead(problem, count);
+        self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, SECOND>(problem, count)
+    }
+
+    /// Draws the random numbers of a sweep.
+    #[inline(always)]
+    fn draw<const SHAPE: u8, const VISIBLE: bool, const FUSED: bool>(
+        &mut self,
+        problem: &Problem<R>,
+        count: usize,
+    ) {
+        let normal = problem.constants.normal;
+        for lane in 0..count {
+            let mut generator = self.generator(lane);
+            let pair = Pair::draw(&mut generator);
+            let (first, second) = normal.deviates::<FUSED>(pair);
+            self.tilts[0][lane] = first;
+            self.tilts[1][lane] = second;
+            self.choices[0][lane] = pair.choice();
+            if VISIBLE {
+                self.weights[0][lane] = uniform(generator.next());
+            }
+            if SHAPE != SPACE {
+                self.choices[1][lane] = uniform(generator.next());
+                if VISIBLE {
+                    self.weights[1][lane] = uniform(generator.next());
+                }
+            }
+            self.set_generator(lane, generator);
+        }
+    }
+
+    /// Looks up the interfaces that the rays of an explicit stack head for.
+    #[inline(always)]
+    fn look_ahead(&mut self, problem: &Problem<R>, count: usize) {
+        for lane in 0..count {
+            let ahead = problem.explicit(self.interface[lane], self.step[lane]);
+            self.ratio[lane] = ahead.ratio;
+            self.here[lane] = ahead.here;
+            self.beyond[lane] = ahead.beyond;
+        }
+    }
+
+    /// Moves every path on by the events `PART` of the sweep; whether any path ended.
+    #[inline(always)]
+    fn meet<
+        const SHAPE: u8,
+        const VISIBLE: bool,
+        const ABSORB: bool,
+        const STACK: u8,
+        const FUSED: bool,
+        const PART: u8,
+    >(
+        &mut self,
+        problem: &Problem<R>,
+        count: usize,
+    ) -> bool {
+        let constants = problem.constants;
+        let mut any = 0;
+        for lane in 0..count {
+            let mut ray = self.get(lane);
+            let mut done = if PART == SECOND { self.done[lane] } else { 0 };
+            for half in 0..2 {
+                if half == 0 && PART == SECOND || half == 1 && (PART == FIRST || SHAPE == SPACE) {
+                    continue;
+                }
+                let tilt = self.tilts[half][lane];
+                let facet = if SHAPE == SPACE {
+                    Facet::sloped::<FUSED>(tilt, self.tilts[1][lane])
+                } else {
+                    Facet::tilted::<SHAPE, FUSED>(tilt, &constants.tilt)
+                };
+                let ahead = if STACK == EXPLICIT {
+                    Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
+                } else {
+                    constants.alternating::<STACK>(ray.interface, ray.step)
+                };
+                // A path that ended in the first half of a sweep rests in the second.
+                let rests = half == 1 && done != 0;
+                let weight = self.weights[half][lane];
+                let takes =
+                    |a: R| !rests & (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, tilt, a, weight));
+                ray = constants.meet::<SHAPE, ABSORB, FUSED>(
+                    ray,
+                    facet,
+                    ahead,
+                    self.choices[half][lane],
+                    takes,
+                );
+                let absorbed = ABSORB && ray.depth > self.limit[lane];
+                done = -i32::from(constants.is_out(&ray) | absorbed);
+            }
+            any |= done;
+            self.done[lane] = done;
+            self.set::<ABSORB>(lane, ray);
+        }
+        any != 0
+    }
+
+    /// Ends the paths that have reached the cap, and says how many sweeps from now it is worth to look again: a sweep
+    /// adds two crossings at most, and a new path starts from none.
+    #[inline(never)]
+    fn cut(&mut self, event_cap: u32) -> u32 {
+        let mut most = 0;
+        for lane in 0..LANES {
+            let crossings = self.met[lane] / CROSSING;
+            if crossings >= event_cap {
+                self.done[lane] = -1;
+            } else if self.slot[lane] != IDLE {
+                most = most.max(crossings);
+            }
+        }
+        (event_cap - most).div_ceil(2)
+    }
+
+    #[inline(always)]
+    fn generator(&self, lane: usize) -> Generator {
+        let [s0, s1, s2, s3] = &self.generator;
+        Generator { state: [s0[lane], s1[lane], s2[lane], s3[lane]] }
+    }
+
+    #[inline(always)]
+    fn set_generator(&mut self, lane: usize, generator: Generator) {
+        let [s0, s1, s2, s3] = &mut self.generator;
+        [s0[lane], s1[lane], s2[lane], s3[lane]] = generator.state;
+    }
+}
+
+/// Which events of a sweep to do: all, or one of the two that share a pair of plane deviates.
+const BOTH: u8 = 0;
+const FIRST: u8 = 1;
+const SECOND: u8 = 2;
+
+/// Walks all paths of a job, one `Exit` each in path order; the number of crossings.
+#[inline(always)]
+pub(crate) fn walk<
+    R: Real,
+    const SHAPE: u8,
+    const VISIBLE: bool,
+    const ABSORB: bool,
+    const STACK: u8,
+    const FUSED: bool,
+>(
+    problem: &Problem<R>,
+    job: &Job,
+    out: &mut [Exit],
+) -> u64 {
+    let mut lanes = Lanes::idle(problem);
+    let mut paths = job.paths.clone();
+    let mut live = 0_usize;
+    for (lane, path) in (0..LANES).zip(paths.by_ref()) {
+        lanes.start::<ABSORB>(lane, job, path);
+        live += 1;
+    }
+    let mut crossings = 0;
+    let mut until_cut = lanes.cut(job.event_cap);
+    while live > 0 {
+        let count = live.next_multiple_of(BLOCK);
+        let mut any = lanes.sweep::<SHAPE, VISIBLE, ABSORB, STACK, FUSED>(problem, count);
+        until_cut -= 1;
+        if until_cut == 0 {
+            until_cut = lanes.cut(job.event_cap);
+            any = true;
+        }
+        if !any {
+            continue;
+        }
+        // From the last lane down, so that the lane that fills a gap has been looked at already.
+        for block in (0..count / BLOCK).rev().map(|block| block * BLOCK..(block + 1) * BLOCK) {
+            if lanes.done[block.clone()].iter().fold(0, |any, done| any | done) == 0 {
+                continue;
+            }
+            for lane in block.rev() {
+                if lanes.done[lane] == 0 {
+                    continue;
+                }
+                if lanes.slot[lane] == IDLE {
+                    lanes.rest(lane, problem);
+                    continue;
+                }
+                crossings += u64::from(lanes.met[lane] / CROSSING);
+                out[lanes.slot[lane]] = lanes.exit(lane, problem);
+                if let Some(path) = paths.next() {
+                    lanes.start::<ABSORB>(lane, job, path);
+                    continue;
+                }
+                live -= 1;
+                lanes.shift(live, lane);
+                lanes.rest(live, problem);
+            }
+        }
+    }
+    crossings
+}

@@ -1,0 +1,230 @@
+//! One event of one path, in the mirrored frame.
+
+use std::hint::select_unpredictable as choose;
+
+use super::draws::{Normal, TiltSinCos};
+use super::real::Real;
+
+/// The geometry of a walk at compile time: [`SPACE`], or 1 + h for a plane walk whose tilts need h halvings
+/// (see [`TiltSinCos::of`]).
+pub(crate) const SPACE: u8 = 0;
+/// Halvings that plane walks are compiled for: σ up to 2.3°, 9.2° and 74°.
+pub(crate) const HALVINGS: [u8; 3] = [0, 2, 5];
+
+/// The constants of a walk.
+#[derive(Clone, Debug)]
+pub(crate) struct Problem<R> {
+    pub(crate) constants: Constants<R>,
+    /// Explicit stacks: n1/n2 by 2·interface + (1 if heading up).
+    pub(crate) ratios: Vec<R>,
+    /// Explicit stacks: optical depth by medium (0 in the ambient and the substrate).
+    pub(crate) depths: Vec<R>,
+}
+
+/// The constants of an event. Copied before the loop over lanes: a choice between two fields behind a reference
+/// would become a gather.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Constants<R> {
+    /// L: index of the last interface.
+    pub(crate) last: i32,
+    /// n1/n2 of interfaces between layers, leaving an odd and leaving an even medium.
+    pub(crate) odd: R,
+    pub(crate) even: R,
+    /// n1/n2 at interface 0, downwards and upwards.
+    pub(crate) enter: R,
+    pub(crate) leave: R,
+    /// n1/n2 at interface L, downwards and upwards.
+    pub(crate) out: R,
+    pub(crate) back: R,
+    /// Optical depths of odd and even layers.
+    pub(crate) depth_odd: R,
+    pub(crate) depth_even: R,
+    /// Facet tilts.
+    pub(crate) normal: Normal,
+    pub(crate) tilt: TiltSinCos<R>,
+    /// Visible normals: the largest |slope|, and in the plane the largest |tilt|.
+    pub(crate) slope_max: R,
+    pub(crate) tilt_max: f32,
+}
+
+/// A ray on its way to an interface, mirrored so that it always travels towards +z.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ray<R> {
+    pub(crate) x: R,
+    pub(crate) y: R,
+    /// |cos θ|.
+    pub(crate) z: R,
+    /// Index of the interface ahead: −1 when it has left the top, L + 1 when it has left the bottom.
+    pub(crate) interface: i32,
+    /// +1 heading down, −1 heading up.
+    pub(crate) step: i32,
+    /// Four times the crossings so far, and [`ENTERED`].
+    pub(crate) met: u32,
+    /// Optical depth so far.
+    pub(crate) depth: R,
+}
+
+/// How the layers repeat, at compile time: two layers alternate, and the substrate continues them.
+pub(crate) const PERIODIC: u8 = 0;
+/// Two layers alternate above any substrate.
+pub(crate) const ALTERNATING: u8 = 1;
+/// Any list of layers: looked up.
+pub(crate) const EXPLICIT: u8 = 2;
+
+/// One crossing in [`Ray::met`].
+pub(crate) const CROSSING: u32 = 4;
+/// Flag in [`Ray::met`]: the path has been refracted, so it has entered the stack.
+pub(crate) const ENTERED: u32 = 2;
+
+/// A facet, its normal (x, y, −z) not normalised.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Facet<R> {
+    pub(crate) x: R,
+    pub(crate) y: R,
+    pub(crate) z: R,
+    /// Squared length of the normal.
+    pub(crate) square: R,
+}
+
+impl<R: Real> Facet<R> {
+    /// From two slopes.
+    #[inline(always)]
+    pub(crate) fn sloped<const FUSED: bool>(p: f32, q: f32) -> Self {
+        let (x, y) = (R::from_f32(p), R::from_f32(q));
+        Self { x, y, z: R::ONE, square: x.fma::<FUSED>(x, y.fma::<FUSED>(y, R::ONE)) }
+    }
+
+    /// From a tilt in the plane of incidence.
+    #[inline(always)]
+    pub(crate) fn tilted<const SHAPE: u8, const FUSED: bool>(alpha: f32, tilt: &TiltSinCos<R>) -> Self {
+        let alpha = R::from_f32(alpha);
+        let (x, z) = tilt.of::<FUSED>(alpha, SHAPE - 1);
+        Self { x, y: R::ZERO, z, square: R::ONE }
+    }
+}
+
+/// What a ray finds ahead of it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ahead<R> {
+    /// n1/n2 of the next interface.
+    pub(crate) ratio: R,
+    /// Optical depth of the layer that the ray is in.
+    pub(crate) here: R,
+    /// Optical depth of the layer behind the interface.
+    pub(crate) beyond: R,
+}
+
+/// Half the scale of [`uniform`](super::draws::uniform), a part in 10⁷ above it so that rounding can never refract
+/// light past the critical angle.
+const HALF_SCALE: f64 = 1_073_742_080.0;
+
+impl<R: Real> Problem<R> {
+    /// The interface ahead, in any stack.
+    #[inline(always)]
+    pub(crate) fn explicit(&self, interface: i32, step: i32) -> Ahead<R> {
+        let up = usize::from(step < 0);
+        // Rays that have left are looked up too, without being moved: any entry will do.
+        let interface = interface.clamp(0, self.constants.last) as usize;
+        Ahead {
+            ratio: self.ratios[2 * interface + up],
+            here: self.depths[interface + up],
+            beyond: self.depths[interface + 1 - up],
+        }
+    }
+}
+
+impl<R: Real> Constants<R> {
+    /// The interface ahead, in a stack of two alternating layers.
+    #[inline(always)]
+    pub(crate) fn alternating<const STACK: u8>(&self, interface: i32, step: i32) -> Ahead<R> {
+        let up = step < 0;
+        let odd = up ^ (interface & 1 != 0);
+        let inner = choose(odd, self.odd, self.even);
+        let last = choose(up, self.back, self.out);
+        let first = choose(up, self.leave, self.enter);
+        let below = if STACK == PERIODIC { inner } else { choose(interface == self.last, last, inner) };
+        Ahead {
+            ratio: choose(interface == 0, first, below),
+            here: choose(odd, self.depth_odd, self.depth_even),
+            beyond: choose(odd, self.depth_even, self.depth_odd),
+        }
+    }
+
+    /// Whether a facet is taken, by its projected area per plane area, −d·m/m_z; `draw` is uniform.
+    #[inline(always)]
+    pub(crate) fn sees<const SHAPE: u8>(
+        &self,
+        ray: &Ray<R>,
+        facet: Facet<R>,
+        tilt: f32,
+        a: R,
+        draw: f32,
+    ) -> bool {
+        let bound = (ray.z + self.slope_max) * R::from_f32(draw * (1.0 / 2_147_483_648.0));
+        (bound * facet.z <= a) & (SHAPE == SPACE || tilt.abs() <= self.tilt_max)
+    }
+
+    /// One event: the ray meets `facet`; `choice`, uniform on (0, 2³¹], decides between reflection and refraction.
+    /// A facet that faces away, or that `takes` refuses, changes nothing.
+    #[inline(always)]
+    pub(crate) fn meet<const SHAPE: u8, const ABSORB: bool, const FUSED: bool>(
+        &self,
+        ray: Ray<R>,
+        facet: Facet<R>,
+        ahead: Ahead<R>,
+        choice: f32,
+        takes: impl Fn(R) -> bool,
+    ) -> Ray<R> {
+        let space = SHAPE == SPACE;
+        let ratio = ahead.ratio;
+        let contrast = (-ratio).fma::<FUSED>(ratio, R::ONE);
+        // a = |N| cos θ1, b = |N| cos θ2 (0 past the critical angle).
+        let a = if space {
+            (-ray.x).fma::<FUSED>(facet.x, (-ray.y).fma::<FUSED>(facet.y, ray.z))
+        } else {
+            (-ray.x).fma::<FUSED>(facet.x, ray.z * facet.z)
+        };
+        // A facet that is refused becomes a grazing one: it reflects, and adds twice nothing to the direction.
+        let a = choose((a > R::ZERO) & takes(a), a, R::ZERO);
+        let faces = a > R::ZERO;
+        let scaled = a * ratio;
+        let square = scaled.fma::<FUSED>(scaled, if space { facet.square * contrast } else { contrast });
+        let b = choose(square > R::ZERO, square, R::ZERO).sqrt();
+        // r_s = sn/sd and r_p = pn/pd; u ≤ (r_s² + r_p²)/2 without a division.
+        let (sd, sn) = (scaled + b, scaled - b);
+        let (pd, pn) = (ratio.fma::<FUSED>(b, a), (-ratio).fma::<FUSED>(b, a));
+        let (both, s, p) = (sd * pd, sn * pd, pn * sd);
+        let needed = R::from_f32(choice) * both * both;
+        let reflects = needed <= R::from_f64(HALF_SCALE) * s.fma::<FUSED>(s, p * p);
+        let along = choose(reflects, R::ONE, ratio);
+        let normal = choose(reflects, a + a, sn);
+        let normal = if space { normal / facet.square } else { normal };
+        let z = ray.z.fma::<FUSED>(along, -(if space { normal } else { normal * facet.z }));
+        let turns = faces & (z <= R::ZERO);
+        // Reflected upwards or refracted onwards, the ray crosses a layer; else it meets the same interface again.
+        let crosses = reflects == turns;
+        let step = choose(turns, -ray.step, ray.step);
+        let met = ray.met + choose(faces, CROSSING, 0);
+        let mut next = Ray {
+            x: ray.x.fma::<FUSED>(along, normal * facet.x),
+            y: if space { ray.y.fma::<FUSED>(along, normal * facet.y) } else { ray.y },
+            z: z.abs(),
+            interface: choose(crosses, ray.interface + step, ray.interface),
+            step,
+            met: choose(reflects, met, met | ENTERED),
+            depth: ray.depth,
+        };
+        if ABSORB {
+            let layer = choose(reflects, ahead.here, ahead.beyond);
+            let absorbs = crosses & (layer > R::ZERO) & !self.is_out(&next);
+            next.depth = choose(absorbs, ray.depth + layer / next.z, ray.depth);
+        }
+        next
+    }
+
+    /// Whether a ray has left the stack.
+    #[inline(always)]
+    pub(crate) fn is_out(&self, ray: &Ray<R>) -> bool {
+        ray.interface as u32 > self.last as u32
+    }
+}

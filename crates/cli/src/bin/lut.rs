@@ -1,3 +1,0 @@
-//! The `lut` tool.
-
-fn main() {}

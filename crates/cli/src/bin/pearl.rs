@@ -1,3 +1,0 @@
-//! The `pearl` tool.
-
-fn main() {}

@@ -1,0 +1,110 @@
+//! `lut info`
+
+use crate::{FileArg, read};
+use lut_io::axis::ExitAxis;
+use lut_io::table::{AzimuthMode, IncidenceSummary, Meta};
+use std::fmt::Write as _;
+use terminal::{Outcome, Stop};
+
+#[derive(clap::Args, Debug)]
+pub(crate) struct InfoArgs {
+    #[command(flatten)]
+    file: FileArg,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(args: &InfoArgs) -> Outcome {
+    let meta = read(&args.file.file)?.meta;
+    if args.json {
+        return terminal::print_json(&json(&meta)?);
+    }
+    terminal::print(&text(&meta))
+}
+
+fn json(meta: &Meta) -> Result<serde_json::Value, Stop> {
+    let mut object = serde_json::to_value(meta).map_err(Stop::failure)?;
+    object["grids"] = grids(meta);
+    Ok(object)
+}
+
+fn grids(meta: &Meta) -> serde_json::Value {
+    let axis = &meta.exit_axis;
+    serde_json::json!({
+        "theta_i_deg": meta.per_incidence.iter().map(|s| s.theta_i_deg).collect::<Vec<f64>>(),
+        "exit_axis": axis,
+        "exit_width_deg": axis.width().to_degrees(),
+        "columns": axis.columns(),
+        "rows_per_incidence": axis.rows_per_incidence(),
+        "image": [axis.columns(), axis.rows_per_incidence() * meta.per_incidence.len()],
+    })
+}
+
+fn text(meta: &Meta) -> String {
+    let mut text = String::new();
+    let name = meta.recipe.get("name").and_then(serde_json::Value::as_str).unwrap_or("(unnamed)");
+    // Writing to a String cannot fail.
+    let mut line = |label: &str, value: String| {
+        let _ = writeln!(text, "{label:<12} {value}");
+    };
+    line("table", format!("{} by {}", meta.schema, meta.writer));
+    line("recipe", name.to_owned());
+    line("solver", format!("{:?}, seed {}", meta.solver, meta.seed).to_lowercase());
+    line("wavelength", format!("{} nm", meta.wavelength_nm));
+    line("effects", meta.effects.join(", "));
+    line("cells", cells(&meta.exit_axis));
+    line("azimuth", azimuth(meta));
+    line("accuracy", accuracy(meta));
+    text.push_str("\n  theta_i   albedo    +-      surface  transmitted  absorbed  mean exit     sd    skew     paths\n");
+    for summary in &meta.per_incidence {
+        text.push_str(&row(summary));
+    }
+    text
+}
+
+fn cells(axis: &ExitAxis) -> String {
+    let width = axis.width().to_degrees();
+    match axis {
+        ExitAxis::Plane { cells, .. } => {
+            format!("{cells} over the signed exit angle, stretch width {width:.3}°")
+        }
+        ExitAxis::Space { theta_cells, phi_cells, .. } => {
+            format!("{theta_cells} over θo × {phi_cells} over φ, stretch width {width:.3}°")
+        }
+    }
+}
+
+fn azimuth(meta: &Meta) -> String {
+    match meta.azimuth {
+        AzimuthMode::Decay => {
+            "decay postulate on the plane walk; moments of the signed exit angle".to_owned()
+        }
+        AzimuthMode::Walk => "walked in space; moments of the polar exit angle".to_owned(),
+    }
+}
+
+fn accuracy(meta: &Meta) -> String {
+    let accuracy = &meta.accuracy;
+    let asked = accuracy.asked_percent.map_or_else(String::new, |asked| format!(" ({asked} % asked)"));
+    format!(
+        "{:.3} % total variation at {}°{asked}, {:.3} % more between incidences",
+        accuracy.reached_percent, accuracy.worst_theta_i_deg, accuracy.interpolation_percent
+    )
+}
+
+fn row(s: &IncidenceSummary) -> String {
+    format!(
+        "{:>8.3}°  {:.5}  {:.5}   {:.5}    {:.5}     {:.5}   {:>7.3}°  {:>6.3}° {:>6.3} {:>10}\n",
+        s.theta_i_deg,
+        s.albedo,
+        s.std_error.albedo,
+        s.surface,
+        s.transmitted,
+        s.absorbed,
+        s.mean_theta_o_deg,
+        s.sd_theta_o_deg,
+        s.skew_theta_o,
+        s.paths
+    )
+}

@@ -1,0 +1,114 @@
+//! `lut`: what is in a pearl table, is it sound, how far is it from another.
+
+mod check;
+mod diff;
+mod info;
+mod merge;
+mod plot;
+mod slice;
+
+use clap::{Args, CommandFactory as _, Parser, Subcommand};
+use lut_io::lobe::Interpolant;
+use lut_io::{LutError, Table, exr_file};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use terminal::{Outcome, Stop};
+
+/// Looks into pearl tables: summary, slices, plots, comparison, checks.
+#[derive(Debug, Parser)]
+#[command(name = "lut", version)]
+#[command(after_help = "Examples:
+  lut info pearl.exr                                 what it is, albedo and moments per incidence
+  lut info pearl.exr --json | jq .per_incidence[0]
+  lut slice pearl.exr --theta-i 30 --phi 0 --csv     the lobe in the plane of incidence
+  lut plot pearl.exr -o figures                      Figs. 6, 7 and 10 of the paper, SVG and PNG
+  lut diff pearl.exr other.exr                       exit 3 if they differ by more than their errors
+  lut check pearl.exr                                exit 3 if something that must hold does not")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    manners: Manners,
+}
+
+/// Flags that every command shares.
+#[derive(Args, Clone, Copy, Debug)]
+struct Manners {
+    /// Say nothing on stderr but errors.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Say more on stderr.
+    #[arg(short, long, global = true)]
+    verbose: bool,
+    /// Accepted as by every tool of Nacre; `lut` works on one thread.
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    threads: Option<u16>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Print what a table holds and where its light goes.
+    Info(info::InfoArgs),
+    /// Print the lobe along θo at one angle of incidence and one azimuth.
+    Slice(slice::SliceArgs),
+    /// Draw the paper's Figs. 6, 7 and 10 as SVG and PNG.
+    Plot(plot::PlotArgs),
+    /// Compare two tables; exit 3 if they differ by more than their stored errors explain.
+    Diff(diff::DiffArgs),
+    /// Try on a table what must hold of every table; exit 3 if something does not.
+    Check(check::CheckArgs),
+    /// Make the table of a bake that was walked in shards, bit for bit that of one bake.
+    Merge(merge::MergeArgs),
+    /// Print a shell completion script.
+    Completions {
+        /// bash, elvish, fish, powershell or zsh.
+        shell: clap_complete::Shell,
+    },
+    /// Print the manual page (roff).
+    Man,
+}
+
+fn main() -> ExitCode {
+    terminal::main(run)
+}
+
+fn run(cli: Cli) -> Outcome {
+    match cli.command {
+        Command::Info(args) => info::run(&args),
+        Command::Slice(args) => slice::run(&args),
+        Command::Plot(args) => plot::run(&args, cli.manners),
+        Command::Diff(args) => diff::run(&args),
+        Command::Check(args) => check::run(&args),
+        Command::Merge(args) => merge::run(&args),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "lut", &mut script);
+            terminal::print(&String::from_utf8_lossy(&script))
+        }
+        Command::Man => {
+            let mut page = Vec::new();
+            clap_mangen::Man::new(Cli::command()).render(&mut page)?;
+            terminal::print(&String::from_utf8_lossy(&page))
+        }
+    }
+}
+
+fn stop(error: LutError) -> Stop {
+    if error.is_bad_input() { Stop::bad_input(error) } else { Stop::failure(error) }
+}
+
+fn read(path: &Path) -> Result<Table, Stop> {
+    exr_file::read(path).map_err(stop)
+}
+
+fn read_lobe(path: &Path) -> Result<Interpolant, Stop> {
+    read(path).map(Interpolant::new)
+}
+
+/// The table argument that every command starts with.
+#[derive(Args, Debug)]
+struct FileArg {
+    /// The table (OpenEXR file written by `bake-brdf`).
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+}

@@ -1,0 +1,180 @@
+//! Arguments of `pearl`.
+
+use clap::{Args, Parser, Subcommand};
+use pearl_bsdf::{Components, Controls, PearlBsdf};
+use std::path::PathBuf;
+use terminal::Stop;
+
+/// Asks a pearl table as a renderer would: values, samples, furnace, pictures.
+#[derive(Debug, Parser)]
+#[command(name = "pearl", version)]
+#[command(after_help = "Examples:
+  pearl preview pearl.exr -o pictures         sphere and swatch, one picture a component, and the sum
+  pearl eval pearl.exr --input dirs.jsonl     {\"wi\":[0,0,1],\"wo\":[0.1,0,0.995]} a line, - for stdin
+  pearl sample pearl.exr --wi 0.5,0,0.866 -n 1000 --seed 7
+  pearl furnace pearl.exr --json              directional albedo; exit 3 if it exceeds 1 + 1e-4
+  pearl preview pearl.exr --coherence 1 --depth 0.8 --body-rgb 0.1,0.1,0.12 -o black")]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+    #[command(flatten)]
+    pub(crate) manners: Manners,
+}
+
+/// Flags that every command shares.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct Manners {
+    /// Print one JSON object on stdout instead of text (furnace, preview).
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
+    /// Say nothing on stderr but errors.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub(crate) quiet: bool,
+    /// Say more on stderr.
+    #[arg(short, long, global = true)]
+    pub(crate) verbose: bool,
+    /// Threads to use [default: one per core].
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub(crate) threads: Option<u16>,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Evaluate pairs of directions: JSON lines in, JSON lines out, in the same order.
+    Eval(EvalArgs),
+    /// Draw exit directions for one wi: JSON lines.
+    Sample(SampleArgs),
+    /// Directional albedo over the angle of incidence; exit 3 if a channel exceeds 1 + 1e-4.
+    Furnace(FurnaceArgs),
+    /// Pictures of a sphere and a swatch under a distant light and a sky, as PNG.
+    Preview(PreviewArgs),
+    /// Print a shell completion script.
+    Completions {
+        /// bash, elvish, fish, powershell or zsh.
+        shell: clap_complete::Shell,
+    },
+    /// Print the manual page (roff).
+    Man,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct EvalArgs {
+    #[command(flatten)]
+    pub(crate) pearl: Pearl,
+    /// JSON lines `{"wi":[x,y,z],"wo":[x,y,z]}`, directions of any length but 0; - reads stdin.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) input: PathBuf,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct SampleArgs {
+    #[command(flatten)]
+    pub(crate) pearl: Pearl,
+    /// Direction that the light comes from, of any length but 0.
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true)]
+    pub(crate) wi: Triple,
+    /// How many.
+    #[arg(short = 'n', value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
+    pub(crate) count: u64,
+    /// The same seed gives the same samples.
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct FurnaceArgs {
+    #[command(flatten)]
+    pub(crate) pearl: Pearl,
+    /// Steps in the angle of incidence from 0 to 90 degrees.
+    #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u16).range(1..=900))]
+    pub(crate) steps: u16,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct PreviewArgs {
+    #[command(flatten)]
+    pub(crate) pearl: Pearl,
+    /// Folder for the pictures; made if it is not there.
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    /// Width and height of each picture in pixels.
+    #[arg(long, default_value_t = 480, value_parser = clap::value_parser!(u32).range(16..=4096))]
+    pub(crate) size: u32,
+    /// Samples a pixel under the sky.
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub(crate) samples: u32,
+    /// Seed of the noise.
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+}
+
+/// A table and its controls; what is not given is as in the recipe in the table.
+#[derive(Args, Debug)]
+pub(crate) struct Pearl {
+    /// Table (EXR) that bake-brdf wrote.
+    #[arg(value_name = "LUT")]
+    pub(crate) table: PathBuf,
+    /// Share of incoherent interference in the base, 0 to 1.
+    #[arg(long, value_name = "X")]
+    depth: Option<f64>,
+    /// Strength of the lobes, 0 to 1.
+    #[arg(long, value_name = "X")]
+    brightness: Option<f64>,
+    /// Degree of coherence, 0 to 1.
+    #[arg(long, value_name = "X")]
+    coherence: Option<f64>,
+    /// Body colour, linear sRGB, each 0 to 1.
+    #[arg(long, value_name = "R,G,B", value_parser = triple)]
+    body_rgb: Option<Triple>,
+    /// Factor of the interference colours, linear sRGB, each 0 to 1.
+    #[arg(long, value_name = "R,G,B", value_parser = triple)]
+    tint_rgb: Option<Triple>,
+    /// What to show, of diffuse, incoherent, mirror, blur [default: all].
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    components: Option<Vec<String>>,
+}
+
+/// Three numbers.
+pub(crate) type Triple = [f64; 3];
+
+/// Parses `a,b,c`.
+fn triple(text: &str) -> Result<Triple, String> {
+    let wrong = || format!("{text:?} is not three finite numbers separated by commas");
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|x| x.trim().parse::<f64>()).collect();
+    let triple: Triple = numbers.map_err(|_| wrong())?.try_into().map_err(|_| wrong())?;
+    if triple.iter().all(|x| x.is_finite()) { Ok(triple) } else { Err(wrong()) }
+}
+
+impl Pearl {
+    /// Reads the table and makes the BSDF.
+    pub(crate) fn bsdf(&self) -> Result<PearlBsdf, Stop> {
+        self.bsdf_with(|_| {})
+    }
+
+    /// The same with the controls changed last.
+    pub(crate) fn bsdf_with(&self, change: impl FnOnce(&mut Controls)) -> Result<PearlBsdf, Stop> {
+        let table = lut_io::exr_file::read(&self.table).map_err(|error| match error {
+            // A file that is not there is the user's mistake.
+            lut_io::LutError::Io { ref source, .. } if source.kind() != std::io::ErrorKind::NotFound => {
+                Stop::failure(error)
+            }
+            _ => Stop::bad_input(error),
+        })?;
+        let mut controls = Controls::of(&table.meta);
+        controls.depth = self.depth.unwrap_or(controls.depth);
+        controls.brightness = self.brightness.unwrap_or(controls.brightness);
+        controls.coherence = self.coherence.unwrap_or(controls.coherence);
+        controls.body_rgb = self.body_rgb.unwrap_or(controls.body_rgb);
+        controls.tint_rgb = self.tint_rgb.unwrap_or(controls.tint_rgb);
+        if let Some(names) = &self.components {
+            controls.components =
+                Components::from_names(names.iter().map(String::as_str)).ok_or_else(|| {
+                    let known = Components::NAMES.join(", ");
+                    Stop::bad_input(format!("--components: {:?} is not a list of {known}", names.join(",")))
+                })?;
+        }
+        change(&mut controls);
+        PearlBsdf::from_table(table, controls)
+            .map_err(|error| Stop::bad_input(format!("{}: {error}", self.table.display())))
+    }
+}

@@ -1,0 +1,72 @@
+//! What can be wrong with a table or its file, said in one line.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// One thing that is wrong with a table: where, and what would be right.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{field}: {problem}")]
+pub struct Flaw {
+    /// The offending field, channel or attribute (`per_incidence[3].albedo`, `channel interior`, …).
+    pub field: String,
+    /// The value found and what would be right.
+    pub problem: String,
+}
+
+impl Flaw {
+    /// A flaw of `field`.
+    pub fn new(field: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self { field: field.into(), problem: problem.into() }
+    }
+}
+
+/// Why a table file could not be read or written. `Display` is one line that names the file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LutError {
+    /// The operating system said no.
+    #[error("{}: cannot {action}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was tried (`read the file`, …).
+        action: &'static str,
+        /// The operating system's reason.
+        source: io::Error,
+    },
+    /// The file is not a table, is damaged, or the table to be written is not valid.
+    #[error("{}: {flaw}", path.display())]
+    Invalid {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        flaw: Flaw,
+    },
+}
+
+impl LutError {
+    pub(crate) fn io(path: &Path, action: &'static str, source: io::Error) -> Self {
+        Self::Io { path: path.to_owned(), action, source }
+    }
+
+    pub(crate) fn invalid(path: &Path, flaw: Flaw) -> Self {
+        Self::Invalid { path: path.to_owned(), flaw }
+    }
+
+    /// Whether the fault lies in what the caller named (a bad or missing file) rather than in the machine.
+    #[must_use]
+    pub fn is_bad_input(&self) -> bool {
+        match self {
+            Self::Invalid { .. } => true,
+            Self::Io { action, source, .. } => {
+                *action == READING
+                    && matches!(
+                        source.kind(),
+                        io::ErrorKind::NotFound | io::ErrorKind::IsADirectory | io::ErrorKind::NotADirectory
+                    )
+            }
+        }
+    }
+}
+
+pub(crate) const READING: &str = "read the file";

@@ -1,0 +1,308 @@
+//! The table as an OpenEXR file: one scan-line part, f32, ZIP, one text attribute `pearl`.
+//!
+//! Layout in `docs/LUT-FORMAT.md`. Writing is bit-reproducible: the bytes depend on the table alone. Reading
+//! trusts nothing: the header is parsed here with bounds on everything before anything is allocated
+//! on its word, and only the blocks are left to the `exr` crate.
+
+mod header;
+
+use crate::atomic;
+use crate::error::{Flaw, LutError, READING};
+use crate::measure;
+use crate::table::{Component, Lobe, Meta, Table};
+use exr::block::UncompressedBlock;
+use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
+use exr::meta::attribute::{AttributeValue, ChannelDescription, LineOrder, SampleType, Text};
+use exr::meta::{BlockDescription, MetaData};
+use exr::prelude::{
+    AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
+};
+use exr::prelude::{SmallVec, Vec2, WritableImage as _};
+use header::Header;
+use std::fs;
+use std::io::{self, Read as _};
+use std::path::Path;
+
+/// Name of the text attribute that holds the metadata.
+pub const ATTRIBUTE: &str = "pearl";
+/// Longest metadata text, bytes.
+pub const MAX_META_BYTES: usize = 16 << 20;
+
+/// Writes a table; the file appears whole or not at all.
+///
+/// # Errors
+/// The table is not valid ([`Table::validate`]), its metadata hold a NaN or an infinity, or the operating
+/// system refuses.
+pub fn write(table: &Table, path: &Path) -> Result<(), LutError> {
+    let bytes = encode(table).map_err(|flaw| LutError::invalid(path, flaw))?;
+    atomic::write(path, &bytes).map_err(|error| LutError::io(path, "write the file", error))
+}
+
+/// Reads a table and checks all of it.
+///
+/// # Errors
+/// One line naming the file, the field, the value found and what would be right.
+pub fn read(path: &Path) -> Result<Table, LutError> {
+    let bytes = read_bounded(path)?;
+    decode(&bytes).map_err(|flaw| LutError::invalid(path, flaw))
+}
+
+/// The bytes of the file of a table.
+///
+/// # Errors
+/// As [`write()`], short of the operating system.
+pub fn encode(table: &Table) -> Result<Vec<u8>, Flaw> {
+    table.validate()?;
+    let text = meta_to_ascii(&table.meta)?;
+    let size = image_size(&table.meta);
+    let channels: SmallVec<[AnyChannel<FlatSamples>; 4]> = channels(table)
+        .into_iter()
+        .map(|(name, samples)| AnyChannel::new(name.as_str(), FlatSamples::F32(samples)))
+        .collect();
+    let mut attributes = LayerAttributes::default();
+    // One attribute only: the exr crate writes several in hash order, which is not reproducible.
+    attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(text.as_str())));
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        blocks: exr::image::Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    let layer = Layer::new(size, attributes, encoding, AnyChannels::sort(channels));
+    let mut bytes = io::Cursor::new(Vec::new());
+    Image::from_layer(layer)
+        .write()
+        .non_parallel()
+        .to_buffered(&mut bytes)
+        .map_err(|error| Flaw::new("OpenEXR", error.to_string()))?;
+    Ok(bytes.into_inner())
+}
+
+/// The table in the bytes of a file.
+///
+/// # Errors
+/// The first flaw found; no input makes it panic or allocate more than the bytes can back.
+pub fn decode(bytes: &[u8]) -> Result<Table, Flaw> {
+    let header = header::parse(bytes)?;
+    let meta = meta_from_ascii(header.pearl)?;
+    let mut names = channel_names(&meta);
+    names.sort_unstable();
+    header.check_channels(&names)?;
+    header.check_size(image_size(&meta))?;
+    let blocks = header.blocks(bytes)?;
+    let samples = decompress(&header, &names, &blocks)?;
+    let table = assemble(meta, &names, samples)?;
+    table.validate()?;
+    Ok(table)
+}
+
+/// Width and height of the image of a table.
+fn image_size(meta: &Meta) -> (usize, usize) {
+    (meta.exit_axis.columns(), meta.per_incidence.len() * meta.exit_axis.rows_per_incidence())
+}
+
+fn read_bounded(path: &Path) -> Result<Vec<u8>, LutError> {
+    let io_error = |error| LutError::io(path, READING, error);
+    let mut file = fs::File::open(path).map_err(io_error)?;
+    let mut bytes = Vec::new();
+    let mut take = |bytes: &mut Vec<u8>, count: u64| io::Read::take(&mut file, count).read_to_end(bytes);
+    // Look at the first bytes before believing that the rest is worth reading.
+    take(&mut bytes, header::MAX_BYTES as u64).map_err(io_error)?;
+    let header = header::parse(&bytes).map_err(|flaw| LutError::invalid(path, flaw))?;
+    let largest = header.largest_file();
+    if largest > bytes.len() as u64 {
+        let missing = largest - bytes.len() as u64;
+        take(&mut bytes, missing).map_err(io_error)?;
+    }
+    Ok(bytes)
+}
+
+/// The metadata as ASCII JSON, everything else escaped; refuses what JSON cannot say.
+fn meta_to_ascii(meta: &Meta) -> Result<String, Flaw> {
+    let json = serde_json::to_string(meta).map_err(|error| Flaw::new("metadata", error.to_string()))?;
+    let mut text = String::with_capacity(json.len());
+    for character in json.chars() {
+        // In JSON text a non-ASCII character can only stand inside a string, where \u is allowed.
+        if character.is_ascii() && character != '\u{7f}' {
+            text.push(character);
+            continue;
+        }
+        for unit in character.encode_utf16(&mut [0; 2]) {
+            text.push_str(&format!("\\u{unit:04x}"));
+        }
+    }
+    if text.len() > MAX_META_BYTES {
+        let problem = format!("is {} bytes of JSON, expected at most {MAX_META_BYTES}", text.len());
+        return Err(Flaw::new(format!("attribute {ATTRIBUTE}"), problem));
+    }
+    // serde_json writes NaN and infinities as null: what does not read back the same must not be written.
+    if meta_from_ascii(text.as_bytes())? != *meta {
+        return Err(Flaw::new(
+            format!("attribute {ATTRIBUTE}"),
+            "does not survive JSON (a NaN or an infinity?)",
+        ));
+    }
+    Ok(text)
+}
+
+#[derive(serde::Deserialize)]
+struct SchemaOnly {
+    schema: String,
+}
+
+fn meta_from_ascii(text: &[u8]) -> Result<Meta, Flaw> {
+    let attribute = || format!("attribute {ATTRIBUTE}");
+    if let Some(at) = text.iter().position(|byte| !byte.is_ascii()) {
+        let problem = format!("has byte 0x{:02x} at {at}, expected ASCII", text[at]);
+        return Err(Flaw::new(attribute(), problem));
+    }
+    // The schema first: a newer table is refused by its name, not by some field that changed since.
+    let schema: SchemaOnly = serde_json::from_slice(text)
+        .map_err(|error| Flaw::new(attribute(), format!("is not its JSON: {error}")))?;
+    crate::table::check_schema(&schema.schema)?;
+    let mut json = serde_json::Deserializer::from_slice(text);
+    let meta: Meta = serde_path_to_error::deserialize(&mut json).map_err(|error| {
+        Flaw::new(format!("{} field {}", attribute(), error.path()), error.inner().to_string())
+    })?;
+    meta.validate()?;
+    Ok(meta)
+}
+
+/// The coordinate channels: redundant with the metadata, so that a stock reader needs no formula.
+fn coordinates(meta: &Meta) -> Vec<(&'static str, Vec<f32>)> {
+    let axis = &meta.exit_axis;
+    let cells = meta.per_incidence.len() * axis.cells();
+    let new = || Vec::with_capacity(cells);
+    let (mut theta_i, mut exit, mut theta_o, mut phi, mut weight) = (new(), new(), new(), new(), new());
+    for summary in &meta.per_incidence {
+        let incidence = summary.theta_i_deg.to_radians();
+        let columns = axis.columns_at(incidence).centres();
+        let rows = axis.phi_at(incidence).map(|phi| phi.centres());
+        for row in 0..axis.rows_per_incidence() {
+            for s in &columns {
+                theta_i.push(summary.theta_i_deg as f32);
+                exit.push(s.to_degrees() as f32);
+                theta_o.push(s.abs().to_degrees() as f32);
+                phi.push(match &rows {
+                    Some(phi) => phi[row].to_degrees() as f32,
+                    None if *s < 0.0 => 180.0,
+                    None => 0.0,
+                });
+            }
+        }
+        let weights = measure::reading_weights(axis, incidence, summary.azimuth_width_deg.to_radians());
+        weight.extend(weights.iter().map(|w| *w as f32));
+    }
+    let mut channels =
+        vec![("theta_i_deg", theta_i), ("theta_o_deg", theta_o), ("phi_deg", phi), ("weight_sr", weight)];
+    if axis.rows_per_incidence() == 1 {
+        channels.push(("exit_deg", exit));
+    }
+    channels
+}
+
+fn lobe_names(component: Component) -> [String; 3] {
+    let name = component.name();
+    [name.to_owned(), format!("{name}_std_error"), format!("{name}_count")]
+}
+
+/// Names of all channels of a table.
+fn channel_names(meta: &Meta) -> Vec<String> {
+    let mut names: Vec<String> = Component::ALL.into_iter().flat_map(lobe_names).collect();
+    names.extend(["theta_i_deg", "theta_o_deg", "phi_deg", "weight_sr"].map(String::from));
+    if meta.exit_axis.rows_per_incidence() == 1 {
+        names.push("exit_deg".to_owned());
+    }
+    names
+}
+
+fn channels(table: &Table) -> Vec<(String, Vec<f32>)> {
+    let mut channels: Vec<(String, Vec<f32>)> =
+        coordinates(&table.meta).into_iter().map(|(name, samples)| (name.to_owned(), samples)).collect();
+    for component in Component::ALL {
+        let lobe = table.lobe(component);
+        let samples = [&lobe.value, &lobe.std_error, &lobe.count];
+        channels.extend(lobe_names(component).into_iter().zip(samples.map(Clone::clone)));
+    }
+    channels
+}
+
+/// The samples of every channel, in the order of `names` (sorted, as OpenEXR stores channels).
+fn decompress(header: &Header<'_>, names: &[String], blocks: &[&[u8]]) -> Result<Vec<Vec<f32>>, Flaw> {
+    let (width, height) = (header.width, header.height);
+    let description = |name: &String| ChannelDescription {
+        name: Text::from(name.as_str()),
+        sample_type: SampleType::F32,
+        quantize_linearly: false,
+        sampling: Vec2(1, 1),
+    };
+    // A header of our own making: nothing of the file's reaches the exr crate but the compressed bytes.
+    let exr_header = exr::meta::header::Header::new(
+        Text::from("part0"),
+        (width, height),
+        names.iter().map(description).collect(),
+    )
+    .with_encoding(header.compression, BlockDescription::ScanLines, LineOrder::Increasing);
+    let requirements = exr::meta::Requirements {
+        file_format_version: 2,
+        is_single_layer_and_tiled: false,
+        has_long_names: false,
+        has_deep_data: false,
+        has_multiple_layers: false,
+    };
+    let meta_data = MetaData { requirements, headers: SmallVec::from_elem(exr_header, 1) };
+    let mut samples = vec![vec![0f32; width * height]; names.len()];
+    for (index, compressed) in blocks.iter().enumerate() {
+        let top = index * header.lines_per_block();
+        let damaged =
+            || Flaw::new(format!("image rows from {top}"), "cannot be decompressed: the file is damaged");
+        let block = CompressedScanLineBlock {
+            y_coordinate: i32::try_from(top).map_err(|_| damaged())?,
+            compressed_pixels_le: compressed.to_vec(),
+        };
+        let chunk = Chunk { layer_index: 0, compressed_block: CompressedBlock::ScanLine(block) };
+        let block = UncompressedBlock::decompress_chunk(chunk, &meta_data, true).map_err(|_| damaged())?;
+        for line in block.lines(&meta_data.headers[0].channels) {
+            let start = line.location.position.y() * width;
+            let target = &mut samples[line.location.channel][start..start + width];
+            line.read_samples_into_slice(target).map_err(|_| damaged())?;
+        }
+    }
+    Ok(samples)
+}
+
+fn assemble(meta: Meta, names: &[String], mut samples: Vec<Vec<f32>>) -> Result<Table, Flaw> {
+    let mut take = |name: &str| {
+        let at = names.iter().position(|known| known == name);
+        at.map(|at| std::mem::take(&mut samples[at])).unwrap_or_default()
+    };
+    for (name, expected) in coordinates(&meta) {
+        check_coordinates(name, &take(name), &expected)?;
+    }
+    let mut lobe = |component| {
+        let [value, std_error, count] = lobe_names(component).map(|name| take(&name));
+        Lobe { value, std_error, count }
+    };
+    let (interior, surface, rehit) =
+        (lobe(Component::Interior), lobe(Component::Surface), lobe(Component::Rehit));
+    Ok(Table { meta, interior, surface, rehit })
+}
+
+/// The coordinate channels must say what the axes of the metadata say.
+fn check_coordinates(name: &str, found: &[f32], expected: &[f32]) -> Result<(), Flaw> {
+    // Another libm moves a coordinate by an ulp or two of f32, a weight by its quadrature's rounding; 1e-4 of
+    // the value is far below one cell and far above that. 1e-5 degrees absolute covers angles near 0.
+    let differs = |(a, b): (&f32, &f32)| {
+        let difference = f64::from(*a) - f64::from(*b);
+        difference.is_nan() || difference.abs() > 1e-4 * f64::from(b.abs()) + 1e-5
+    };
+    match found.iter().zip(expected).position(differs) {
+        None => Ok(()),
+        Some(at) => {
+            let problem = format!(
+                "is {} at cell {at}, expected {} from the axes in attribute {ATTRIBUTE}",
+                found[at], expected[at]
+            );
+            Err(Flaw::new(format!("channel {name}"), problem))
+        }
+    }
+}

@@ -1,0 +1,456 @@
+//! The BSDF itself.
+
+use crate::Direction;
+use crate::colour::{self, Angles, Colours, HalfAngles, Palette, TALLIES};
+use crate::controls::{BsdfError, Components, Controls};
+use crate::curve::{self, NODES, Place};
+use crate::facets::{self, Facets, Half, Rules};
+use crate::quadrature::gauss_legendre;
+use crate::tabulated::{Exit, Incidence, Tabulated, half_azimuth2};
+use lut_io::axis::Stretched;
+use lut_io::lobe::Interpolant;
+use lut_io::spectra::Spectra;
+use lut_io::table::Table;
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// What is sampled, in the order of the probabilities: interior, rehit, facets of interface 0, base.
+const INTERIOR: usize = 0;
+const REHIT: usize = 1;
+const SURFACE: usize = 2;
+const BASE: usize = 3;
+
+/// f·cos θo of each component, linear sRGB (or three bands), 1/sr.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Evaluation {
+    /// Diffuse light of the body.
+    pub diffuse: [f64; 3],
+    /// Incoherent interference.
+    pub incoherent: [f64; 3],
+    /// Reflection by the outermost interface.
+    pub mirror: [f64; 3],
+    /// Light that came back from the interior.
+    pub blur: [f64; 3],
+}
+
+impl Evaluation {
+    /// The components in the order of [`Components::NAMES`].
+    #[must_use]
+    pub const fn parts(&self) -> [[f64; 3]; 4] {
+        [self.diffuse, self.incoherent, self.mirror, self.blur]
+    }
+
+    /// Sum of the components.
+    #[must_use]
+    pub fn rgb(&self) -> [f64; 3] {
+        std::array::from_fn(|c| self.diffuse[c] + self.incoherent[c] + self.mirror[c] + self.blur[c])
+    }
+}
+
+/// A sampled exit direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Exit direction.
+    pub wo: Direction,
+    /// Its probability density, 1/sr: what [`PearlBsdf::pdf`] says.
+    pub pdf: f64,
+    /// f·cos θo: what [`PearlBsdf::eval`] says.
+    pub value: Evaluation,
+}
+
+/// A pearl table with controls.
+#[derive(Clone, Debug)]
+pub struct PearlBsdf {
+    controls: Controls,
+    facets: Facets,
+    tabulated: Tabulated,
+    /// Over θi: factor of the closed-form reflection that gives it its share of the light.
+    mirror_scale: Box<[f64; NODES]>,
+    rgb: Colours,
+    wavelength_nm: Vec<f64>,
+    bands: Vec<Colours>,
+    /// Over θi: probability of sampling interior, rehit, surface, base.
+    chances: Box<[[f64; 4]; NODES]>,
+}
+
+/// What both eval and pdf need of a pair of directions.
+struct Geometry {
+    half: Half,
+    incidence: Incidence,
+    exit: Exit,
+    at_i: Place,
+}
+
+/// Which of the two directions the viewer is at.
+#[derive(Clone, Copy, Debug)]
+enum Viewer {
+    AtExit,
+    AtIncidence,
+}
+
+impl PearlBsdf {
+    /// A BSDF of a table; takes tens of milliseconds (walk tables more).
+    ///
+    /// # Errors
+    /// A control out of range, a table that is not valid or lacks what the controls ask for.
+    pub fn from_table(table: Table, controls: Controls) -> Result<Self, BsdfError> {
+        controls.check()?;
+        table.validate()?;
+        let spectra = Spectra::of(&table.meta)?;
+        if spectra.is_none() {
+            for (control, value) in [("depth", controls.depth), ("coherence", controls.coherence)] {
+                if value > 0.0 {
+                    return Err(BsdfError::NoSpectra { control, value });
+                }
+            }
+        }
+        let facets = Facets::new(&table.meta.surface_model);
+        let lobe = Interpolant::new(table);
+        let tabulated = Tabulated::new(&lobe);
+        let rules = Rules::new();
+        let half_angles = (0..TALLIES).map(|degree| tally_half_angles(&facets, &rules, &tabulated, degree));
+        let half_angles: HalfAngles = half_angles.collect();
+        let palette =
+            spectra.as_ref().map_or_else(|| Palette::plain(&controls), |s| Palette::rgb(s, &controls));
+        let rgb = Colours::new(&palette, &controls, &lobe, &half_angles);
+        let wavelength_nm = spectra.as_ref().map_or_else(Vec::new, |s| s.wavelength_nm.clone());
+        let bands = spectra.iter().flat_map(|spectra| {
+            (0..spectra.wavelength_nm.len().div_ceil(3)).map(|group| {
+                Colours::new(&Palette::bands(spectra, &controls, group), &controls, &lobe, &half_angles)
+            })
+        });
+        let bands = bands.collect();
+        let chances = chances(&rgb, &controls);
+        let mirror_scale = mirror_scale(&lobe, &facets, &rules);
+        Ok(Self { controls, facets, tabulated, mirror_scale, rgb, wavelength_nm, bands, chances })
+    }
+
+    /// The controls.
+    #[must_use]
+    pub const fn controls(&self) -> &Controls {
+        &self.controls
+    }
+
+    /// f·cos θo of each shown component in linear sRGB, 1/sr.
+    #[must_use]
+    pub fn eval(&self, wi: Direction, wo: Direction) -> Evaluation {
+        let Some(geometry) = self.geometry(wi, wo) else { return Evaluation::default() };
+        self.shade(&self.rgb, &geometry, wo, Viewer::AtExit)
+    }
+
+    /// What a viewer at `view` sees of unit radiance from `light`: f(light → view)·cos θ of the light, linear sRGB, 1/sr.
+    ///
+    /// This is what an image is integrated from. The lobes are [`Self::eval`] with the view as incidence (as
+    /// renderers that trace paths from the camera call it), so that a white surrounding never shows brighter than 1;
+    /// the illuminant is read at the viewing angle. [`Self::sample`] and [`Self::pdf`] with wi = view fit.
+    #[must_use]
+    pub fn eval_seen(&self, view: Direction, light: Direction) -> Evaluation {
+        let Some(geometry) = self.geometry(view, light) else { return Evaluation::default() };
+        self.shade(&self.rgb, &geometry, light, Viewer::AtIncidence)
+    }
+
+    /// f·cos θo of each shown component at one wavelength (nm), 1/sr, in the order of [`Components::NAMES`].
+    ///
+    /// Between band centres the values of the two bands are mixed, beyond the ends the last band is used. A table
+    /// without interference colours has the mean of its RGB channels at every wavelength. Body colour and tint are
+    /// turned into reflectances that are flat within a channel's part of the spectrum.
+    #[must_use]
+    pub fn eval_at(&self, wi: Direction, wo: Direction, wavelength_nm: f64) -> [f64; 4] {
+        let Some(geometry) = self.geometry(wi, wo) else { return [0.0; 4] };
+        if self.bands.is_empty() {
+            let parts = self.shade(&self.rgb, &geometry, wo, Viewer::AtExit).parts();
+            return parts.map(|rgb| rgb.iter().sum::<f64>() / 3.0);
+        }
+        let nodes = &self.wavelength_nm;
+        let above = nodes.partition_point(|nm| *nm <= wavelength_nm);
+        let (lo, hi) = (above.saturating_sub(1), above.min(nodes.len() - 1));
+        let share = if hi > lo { (wavelength_nm - nodes[lo]) / (nodes[hi] - nodes[lo]) } else { 0.0 };
+        let band = |index: usize| {
+            self.shade(&self.bands[index / 3], &geometry, wo, Viewer::AtExit)
+                .parts()
+                .map(|channels| channels[index % 3])
+        };
+        let (a, b) = (band(lo), band(hi));
+        std::array::from_fn(|part| a[part] + share * (b[part] - a[part]))
+    }
+
+    /// Density with which [`Self::sample`] finds wo, 1/sr.
+    #[must_use]
+    pub fn pdf(&self, wi: Direction, wo: Direction) -> f64 {
+        self.geometry(wi, wo).map_or(0.0, |geometry| self.density(&geometry, wi, wo))
+    }
+
+    /// [`Self::eval`] and [`Self::pdf`] for little more than the price of one.
+    #[must_use]
+    pub fn eval_pdf(&self, wi: Direction, wo: Direction) -> (Evaluation, f64) {
+        let Some(geometry) = self.geometry(wi, wo) else { return (Evaluation::default(), 0.0) };
+        (self.shade(&self.rgb, &geometry, wo, Viewer::AtExit), self.density(&geometry, wi, wo))
+    }
+
+    /// An exit direction from three uniform numbers in [0, 1); `None` where nothing is reflected, or where the
+    /// random numbers find no direction above the horizon (rarer than 1e-3).
+    #[must_use]
+    pub fn sample(&self, wi: Direction, u1: f64, u2: f64, u3: f64) -> Option<Sample> {
+        if !above_horizon(wi) {
+            return None;
+        }
+        let chances = self.chances(Place::of_cos(wi[2]));
+        let (part, select) = choose(&chances, u1)?;
+        let wo = match part {
+            SURFACE => self.facets.sample(wi, u2, u3)?,
+            BASE => cosine_hemisphere(u2, u3),
+            _ => {
+                let (theta_i, sin_i) = polar(wi);
+                let incidence = self.tabulated.incidence(theta_i, sin_i);
+                let (theta_o, phi) = self.tabulated.sample(part, &incidence, select, u2, u3)?;
+                direction(wi, theta_o, phi)
+            }
+        };
+        let (value, pdf) = self.eval_pdf(wi, wo);
+        (pdf > 0.0 && pdf.is_finite()).then_some(Sample { wo, pdf, value })
+    }
+
+    /// Directional albedo at θi (radians, below π/2) of each component, shown or not, linear sRGB, in the order of
+    /// [`Components::NAMES`]: the integral of [`Self::eval`] over the exit hemisphere, by quadrature.
+    #[must_use]
+    pub fn directional_albedo(&self, theta_i: f64) -> [[f64; 3]; 4] {
+        let cos_i = theta_i.cos();
+        let at_i = Place::of_cos(cos_i);
+        let scale = at_i.read(&self.mirror_scale);
+        let (mut mirror, mut blur) = ([0.0; 3], [0.0; 3]);
+        let add = |sum: &mut [f64; 3], mass: f64, cos_d: f64| {
+            let factor = self.rgb.lobe_factor(at_i, Place::of_cos(cos_d));
+            (0..3).for_each(|c| sum[c] += mass * factor[c]);
+        };
+        self.facets.integrate(&Rules::new(), cos_i, |mass, cos_d| {
+            add(&mut mirror, mass * scale, cos_d);
+        });
+        tabulated_light(&self.tabulated, theta_i, FINE, |cos_d, [interior, rehit]| {
+            add(&mut mirror, rehit, cos_d);
+            add(&mut blur, interior, cos_d);
+        });
+        let [diffuse, incoherent] = self.rgb.base_albedo(at_i, self.controls.depth);
+        [diffuse, incoherent, mirror, blur]
+    }
+
+    #[inline]
+    fn geometry(&self, wi: Direction, wo: Direction) -> Option<Geometry> {
+        if !(above_horizon(wi) && above_horizon(wo)) {
+            return None;
+        }
+        let ((theta_i, sin_i), (theta_o, sin_o)) = (polar(wi), polar(wo));
+        let incidence = self.tabulated.incidence(theta_i, sin_i);
+        let exit = self.tabulated.exit(&incidence, theta_o, sin_o, half_azimuth2(wi, wo));
+        Some(Geometry { half: Half::new(wi, wo), incidence, exit, at_i: Place::of_cos(wi[2]) })
+    }
+
+    #[inline]
+    fn shade(&self, colours: &Colours, geometry: &Geometry, wo: Direction, viewer: Viewer) -> Evaluation {
+        let Controls { depth, components, .. } = self.controls;
+        let (at_i, exit) = (geometry.at_i, Place::of_cos(wo[2]));
+        let view = match viewer {
+            Viewer::AtExit => exit,
+            Viewer::AtIncidence => at_i,
+        };
+        let angles = Angles { incidence: at_i, exit, half: Place::of_cos(geometry.half.cos), view };
+        let terms = colours.terms(depth, angles, wo[2]);
+        let scale = at_i.read(&self.mirror_scale);
+        let [interior, rehit] = self.tabulated.eval(&geometry.incidence, &geometry.exit);
+        let mirror = rehit + self.facets.reflection(&geometry.half) * scale;
+        let shown = |show: bool, rgb: [f64; 3]| if show { rgb } else { [0.0; 3] };
+        Evaluation {
+            diffuse: shown(components.diffuse, terms.diffuse),
+            incoherent: shown(components.incoherent, terms.incoherent),
+            mirror: shown(components.mirror, terms.lobe.map(|factor| factor * mirror)),
+            blur: shown(components.blur, terms.lobe.map(|factor| factor * interior)),
+        }
+    }
+
+    #[inline]
+    fn density(&self, geometry: &Geometry, wi: Direction, wo: Direction) -> f64 {
+        let chances = self.chances(geometry.at_i);
+        let mut pdf = chances[BASE] * wo[2] / PI;
+        for part in [INTERIOR, REHIT] {
+            if chances[part] > 0.0 {
+                pdf += chances[part] * self.tabulated.pdf(part, &geometry.incidence, &geometry.exit);
+            }
+        }
+        if chances[SURFACE] > 0.0 {
+            pdf += chances[SURFACE] * self.facets.pdf(wi, &geometry.half);
+        }
+        pdf
+    }
+
+    #[inline]
+    fn chances(&self, at_i: Place) -> [f64; 4] {
+        at_i.read4(&self.chances)
+    }
+}
+
+/// Whether a direction is one, and above the horizon.
+#[inline]
+fn above_horizon(w: Direction) -> bool {
+    w[2] > 0.0 && w[0].is_finite() && w[1].is_finite() && w[2].is_finite()
+}
+
+/// θ and sin θ.
+#[inline]
+fn polar(w: Direction) -> (f64, f64) {
+    let sin = (w[0] * w[0] + w[1] * w[1]).sqrt().min(1.0);
+    // From whichever of the two keeps its digits.
+    (if w[2] > 0.7 { sin.asin() } else { w[2].acos() }, sin)
+}
+
+/// The direction at θo and at azimuth φ from the mirror direction of wi.
+fn direction(wi: Direction, theta_o: f64, phi: f64) -> Direction {
+    let (along, across) = facets::azimuth(wi);
+    let (sin_o, cos_o) = theta_o.sin_cos();
+    let (sin_phi, cos_phi) = phi.sin_cos();
+    [sin_o * (-cos_phi * along - sin_phi * across), sin_o * (-cos_phi * across + sin_phi * along), cos_o]
+}
+
+fn cosine_hemisphere(u: f64, v: f64) -> Direction {
+    let (sin_phi, cos_phi) = (TAU * v).sin_cos();
+    let sin = u.sqrt();
+    [sin * cos_phi, sin * sin_phi, (1.0 - u).max(0.0).sqrt()]
+}
+
+/// The part that u falls on, and what is left of the random number.
+#[inline]
+fn choose(chances: &[f64; 4], u: f64) -> Option<(usize, f64)> {
+    let mut rest = u * chances.iter().sum::<f64>();
+    let mut last = None;
+    for (part, chance) in chances.iter().enumerate() {
+        if *chance <= 0.0 {
+            continue;
+        }
+        if rest < *chance {
+            return Some((part, rest / chance));
+        }
+        rest -= chance;
+        last = Some((part, 1.0 - f64::EPSILON));
+    }
+    // u so near to 1 that rounding passed the last part.
+    last
+}
+
+/// Where the light of the lobes has its half-vector angles, at an incidence of whole degrees.
+fn tally_half_angles(
+    facets: &Facets,
+    rules: &Rules,
+    tabulated: &Tabulated,
+    degree: usize,
+) -> [Box<[f64; NODES]>; 3] {
+    // At 90° no light arrives; its limit is what counts.
+    let theta_i = (degree as f64).to_radians().min(FRAC_PI_2 - 1e-6);
+    let empty = || Box::new([0.0; NODES]);
+    let (mut interior, mut surface, mut rehit) = (empty(), empty(), empty());
+    facets.integrate(rules, theta_i.cos(), |mass, cos| Place::of_cos(cos).deposit(mass, &mut surface));
+    tabulated_light(tabulated, theta_i, COARSE, |cos, [a, b]| {
+        Place::of_cos(cos).deposit(a, &mut interior);
+        Place::of_cos(cos).deposit(b, &mut rehit);
+    });
+    let mut tallies = [interior, surface, rehit];
+    for tally in &mut tallies {
+        let total: f64 = tally.iter().sum();
+        if total > 0.0 {
+            tally.iter_mut().for_each(|mass| *mass /= total);
+        }
+    }
+    tallies
+}
+
+/// Gauss–Legendre points on every smooth piece of an integral over the tabulated lobes, in θo and in φ.
+#[derive(Clone, Copy)]
+struct Points {
+    exit: usize,
+    azimuth: usize,
+}
+
+/// For the shape of a distribution.
+const COARSE: Points = Points { exit: 1, azimuth: 1 };
+/// For its mass.
+const FINE: Points = Points { exit: 3, azimuth: 2 };
+
+/// Hands out the light of the tabulated lobes piece by piece: cos θd and the masses of interior and rehit.
+fn tabulated_light(
+    tabulated: &Tabulated,
+    theta_i: f64,
+    points: Points,
+    mut visit: impl FnMut(f64, [f64; 2]),
+) {
+    let (sin_i, cos_i) = theta_i.sin_cos();
+    let incidence = tabulated.incidence(theta_i, sin_i);
+    let axis = tabulated.axis();
+    // |s| covers the plane's cells of both signs with one set of exits.
+    let mut exits = kinks(&axis.columns_at(theta_i));
+    exits.iter_mut().for_each(|s| *s = s.abs());
+    exits.push(0.0);
+    let walked = axis.phi_at(theta_i).map(|phi| rule_between(kinks(&phi), points.azimuth));
+    for (theta_o, weight_o) in rule_between(exits, points.exit) {
+        let (sin_o, cos_o) = theta_o.sin_cos();
+        let decayed = walked.is_none().then(|| {
+            let width = tabulated.decay_width(&incidence, sin_o);
+            rule_between(kinks(&Stretched { lo: 0.0, centre: 0.0, hi: PI, width, cells: 14 }), points.azimuth)
+        });
+        for &(phi, weight_phi) in walked.iter().chain(&decayed).flatten() {
+            let y2 = (0.5 * phi).sin().powi(2);
+            let exit = tabulated.exit(&incidence, theta_o, sin_o, y2);
+            let light = tabulated.eval(&incidence, &exit);
+            // Both sides of the plane of incidence.
+            let weight = 2.0 * weight_o * weight_phi * sin_o;
+            // wi·wo = cos θi cos θo − sin θi sin θo cos φ.
+            let dot = cos_i * cos_o - sin_i * sin_o * (1.0 - 2.0 * y2);
+            visit((0.5 * (1.0 + dot)).max(0.0).sqrt(), light.map(|l| l * weight));
+        }
+    }
+}
+
+/// Edges and centres of the cells: what is read between them is smooth.
+fn kinks(axis: &Stretched) -> Vec<f64> {
+    (0..=2 * axis.cells).map(|half| axis.at(0.5 * half as f64)).collect()
+}
+
+/// Coordinates with weights: a Gauss–Legendre rule between every two of the nodes.
+fn rule_between(mut nodes: Vec<f64>, points: usize) -> Vec<(f64, f64)> {
+    nodes.sort_by(f64::total_cmp);
+    let rule = gauss_legendre(points);
+    let pieces = nodes.windows(2).flat_map(|ends| {
+        let (middle, half) = (0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]));
+        rule.iter().map(move |(x, w)| (middle + half * x, half * w))
+    });
+    pieces.filter(|(_, weight)| *weight > 0.0).collect()
+}
+
+fn mirror_scale(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Box<[f64; NODES]> {
+    let mut scale = Box::new([0.0; NODES]);
+    for (node, scale) in scale.iter_mut().enumerate() {
+        let mut integral = 0.0;
+        facets.integrate(rules, curve::cos_at(node), |mass, _| integral += mass);
+        if integral > 0.0 {
+            *scale = colour::single_reflection_share(lobe, curve::theta_at(node)) / integral;
+        }
+    }
+    scale
+}
+
+/// Probabilities of the four techniques: the albedos of what is shown.
+fn chances(rgb: &Colours, controls: &Controls) -> Box<[[f64; 4]; NODES]> {
+    let Components { diffuse, incoherent, mirror, blur } = controls.components;
+    let mut chances = Box::new([[0.0; 4]; NODES]);
+    for (node, chance) in chances.iter_mut().enumerate() {
+        let [a_interior, a_rehit, a_surface, a_diffuse, a_incoherent] =
+            rgb.mean_albedos(node, controls.depth);
+        let shown = |show: bool, albedo: f64| if show { albedo } else { 0.0 };
+        *chance = [
+            shown(blur, a_interior),
+            shown(mirror, a_rehit),
+            shown(mirror, a_surface),
+            shown(diffuse, a_diffuse) + shown(incoherent, a_incoherent),
+        ];
+        let total: f64 = chance.iter().sum();
+        if total > 0.0 {
+            chance.iter_mut().for_each(|c| *c /= total);
+        }
+    }
+    chances
+}

@@ -1,0 +1,238 @@
+//! Colour of both terms, three channels at a time: RGB is one group, wavelength bands are as many as needed.
+
+use crate::controls::Controls;
+use crate::curve::{self, NODES, Place};
+use crate::quadrature::Spline;
+use lut_io::lobe::Interpolant;
+use lut_io::monotone::Monotone;
+use lut_io::spectra::Spectra;
+use lut_io::table::Component;
+use std::f64::consts::PI;
+
+/// Incidences at which the half-vector angles of the lobes are tallied: every degree.
+pub(crate) const TALLIES: usize = 91;
+
+/// Three channels over an angle.
+pub(crate) type Curves = Box<[[f64; 3]; NODES]>;
+
+/// Where the lobes' light has its half-vector angles: per tallied incidence, for interior, surface and rehit, a
+/// histogram over the nodes of [`curve`] whose sum is 1 (or 0 without light).
+pub(crate) type HalfAngles = Vec<[Box<[f64; NODES]>; 3]>;
+
+/// Three colour channels, ready to evaluate.
+#[derive(Clone, Debug)]
+pub(crate) struct Colours {
+    /// brightness·[(1 − γ) + γ·tint·M] over θd.
+    factor: Curves,
+    /// limit(θi) of the first term.
+    limit: Curves,
+    /// 1 − A, limit included.
+    rest: Curves,
+    /// tint·Ê over θo.
+    illuminant: Curves,
+    /// ρ/(π(1 − A_avg)) with the base's limit.
+    base: [f64; 3],
+    /// Albedo of the first term by component, limit included: interior, surface, rehit.
+    shares: [Curves; 3],
+    /// Mean of (1 − depth) + depth·Ê that the base sends out.
+    base_colour: [f64; 3],
+    /// 1 − A_avg.
+    left: [f64; 3],
+}
+
+/// What the three channels are.
+pub(crate) struct Palette {
+    pub(crate) modulation: [Monotone; 3],
+    pub(crate) illuminant: [Monotone; 3],
+    pub(crate) body: [f64; 3],
+    pub(crate) tint: [f64; 3],
+}
+
+impl Palette {
+    /// Without interference colours.
+    pub(crate) fn plain(controls: &Controls) -> Self {
+        let one = || [0; 3].map(|_| Monotone::new(vec![0.0], vec![1.0]));
+        Self { modulation: one(), illuminant: one(), body: controls.body_rgb, tint: controls.tint_rgb }
+    }
+
+    pub(crate) fn rgb(spectra: &Spectra, controls: &Controls) -> Self {
+        let curve =
+            |rows: &[[f64; 3]], c: usize| angle_curve(spectra, rows.iter().map(|rgb| rgb[c]).collect());
+        Self {
+            modulation: [0, 1, 2].map(|c| curve(&spectra.modulation_rgb, c)),
+            illuminant: [0, 1, 2].map(|c| curve(&spectra.illuminant_rgb, c)),
+            body: controls.body_rgb,
+            tint: controls.tint_rgb,
+        }
+    }
+
+    /// Bands 3g, 3g + 1, 3g + 2; the last band stands in for those beyond it.
+    pub(crate) fn bands(spectra: &Spectra, controls: &Controls, group: usize) -> Self {
+        let band = |c: usize| (3 * group + c).min(spectra.wavelength_nm.len() - 1);
+        let curve =
+            |rows: &[Vec<f64>], c: usize| angle_curve(spectra, rows.iter().map(|row| row[band(c)]).collect());
+        let at = |rgb: [f64; 3], c: usize| reflectance(rgb, spectra.wavelength_nm[band(c)]);
+        Self {
+            modulation: [0, 1, 2].map(|c| curve(&spectra.modulation, c)),
+            illuminant: [0, 1, 2].map(|c| curve(&spectra.illuminant, c)),
+            body: [0, 1, 2].map(|c| at(controls.body_rgb, c)),
+            tint: [0, 1, 2].map(|c| at(controls.tint_rgb, c)),
+        }
+    }
+}
+
+fn angle_curve(spectra: &Spectra, values: Vec<f64>) -> Monotone {
+    Monotone::new(spectra.theta_deg.iter().map(|theta| theta.to_radians()).collect(), values)
+}
+
+/// Spectral reflectance of a linear sRGB colour: red above 580 nm, green 490 to 580 nm, blue below, joined by
+/// ramps of 30 nm. Grey is flat, and nothing leaves the range of the channels, which is what energy needs.
+fn reflectance(rgb: [f64; 3], nm: f64) -> f64 {
+    let ramp = |centre: f64| ((nm - centre) / 30.0 + 0.5).clamp(0.0, 1.0);
+    let (green_on, red_on) = (ramp(490.0), ramp(580.0));
+    rgb[2] * (1.0 - green_on) + rgb[1] * (green_on - red_on) + rgb[0] * red_on
+}
+
+/// The angles that colours depend on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Angles {
+    pub(crate) incidence: Place,
+    pub(crate) exit: Place,
+    /// θd.
+    pub(crate) half: Place,
+    /// The one of incidence and exit that looks at the surface: the illuminant's.
+    pub(crate) view: Place,
+}
+
+/// Light of the four components.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Terms {
+    pub(crate) diffuse: [f64; 3],
+    pub(crate) incoherent: [f64; 3],
+    /// Colour of the first term: multiplies the lobe.
+    pub(crate) lobe: [f64; 3],
+}
+
+impl Colours {
+    pub(crate) fn new(
+        palette: &Palette,
+        controls: &Controls,
+        lobe: &Interpolant,
+        half_angles: &HalfAngles,
+    ) -> Self {
+        let gamma = controls.coherence;
+        let factor = tabulate(|node, c| {
+            let modulation = palette.tint[c] * palette.modulation[c].at(curve::theta_at(node));
+            controls.brightness * ((1.0 - gamma) + gamma * modulation)
+        });
+        let illuminant =
+            tabulate(|node, c| palette.tint[c] * palette.illuminant[c].at(curve::theta_at(node)));
+        let mut shares = mean_factors(&factor, half_angles);
+        for (share, component) in
+            shares.iter_mut().zip([Component::Interior, Component::Surface, Component::Rehit])
+        {
+            for (node, channels) in share.iter_mut().enumerate() {
+                let theta = curve::theta_at(node);
+                let albedo = match component {
+                    Component::Surface => single_reflection_share(lobe, theta),
+                    _ => lobe.albedo(component, theta),
+                };
+                *channels = channels.map(|mean| mean.max(0.0) * albedo);
+            }
+        }
+        let unlimited = |node: usize, c: usize| shares[0][node][c] + shares[1][node][c] + shares[2][node][c];
+        let limit = tabulate(|node, c| 1.0 / unlimited(node, c).max(1.0));
+        let rest = tabulate(|node, c| (1.0 - unlimited(node, c) * limit[node][c]).max(0.0));
+        for share in &mut shares {
+            for (channels, limit) in share.iter_mut().zip(limit.iter()) {
+                *channels = std::array::from_fn(|c| channels[c] * limit[c]);
+            }
+        }
+        let depth = controls.depth;
+        let left = [0, 1, 2].map(|c| curve::hemispherical_mean(|node| rest[node][c]));
+        let base_colour = [0, 1, 2].map(|c| {
+            // Ê and 1 − A are read linearly one by one; their product at the nodes misses the curvature of
+            // the product only, 1e-6 of it at these steps.
+            let sent = curve::hemispherical_mean(|node| {
+                rest[node][c] * ((1.0 - depth) + depth * illuminant[node][c])
+            });
+            if left[c] > 1e-12 { sent / left[c] } else { 1.0 }
+        });
+        let base = [0, 1, 2].map(|c| {
+            if left[c] <= 1e-12 {
+                return 0.0;
+            }
+            palette.body[c] / (PI * left[c] * (palette.body[c] * base_colour[c]).max(1.0))
+        });
+        Self { factor, limit, rest, illuminant, base, shares, base_colour, left }
+    }
+
+    /// Colours at an incidence, an exit and a half-vector angle; the base includes cos θo.
+    #[inline]
+    pub(crate) fn terms(&self, depth: f64, at: Angles, cos_o: f64) -> Terms {
+        let Angles { incidence: at_i, exit: at_o, half: at_d, view } = at;
+        let (rest_i, rest_o) = (at_i.read3(&self.rest), at_o.read3(&self.rest));
+        let illuminant = view.read3(&self.illuminant);
+        let base: [f64; 3] = std::array::from_fn(|c| self.base[c] * rest_i[c] * rest_o[c] * cos_o);
+        Terms {
+            diffuse: base.map(|b| b * (1.0 - depth)),
+            incoherent: std::array::from_fn(|c| base[c] * depth * illuminant[c]),
+            lobe: self.lobe_factor(at_i, at_d),
+        }
+    }
+
+    /// Colour of the first term: multiplies the lobe.
+    #[inline]
+    pub(crate) fn lobe_factor(&self, at_i: Place, at_d: Place) -> [f64; 3] {
+        let (factor, limit) = (at_d.read3(&self.factor), at_i.read3(&self.limit));
+        std::array::from_fn(|c| factor[c] * limit[c])
+    }
+
+    /// Directional albedo of the base: diffuse and incoherent part.
+    pub(crate) fn base_albedo(&self, at_i: Place, depth: f64) -> [[f64; 3]; 2] {
+        let rest = at_i.read3(&self.rest);
+        let base: [f64; 3] = std::array::from_fn(|c| self.base[c] * PI * rest[c] * self.left[c]);
+        [
+            base.map(|b| b * (1.0 - depth)),
+            std::array::from_fn(|c| base[c] * (self.base_colour[c] - (1.0 - depth))),
+        ]
+    }
+
+    /// Directional albedo at a node, mean of the channels: interior, rehit, surface, diffuse, incoherent.
+    pub(crate) fn mean_albedos(&self, node: usize, depth: f64) -> [f64; 5] {
+        let mean = |rgb: [f64; 3]| rgb.iter().sum::<f64>() / 3.0;
+        let [diffuse, incoherent] = self.base_albedo(Place::of_cos(curve::cos_at(node)), depth);
+        [
+            mean(self.shares[0][node]),
+            mean(self.shares[2][node]),
+            mean(self.shares[1][node]),
+            mean(diffuse),
+            mean(incoherent).max(0.0),
+        ]
+    }
+}
+
+/// Share of the light that interface 0 reflects at first meeting.
+pub(crate) fn single_reflection_share(lobe: &Interpolant, theta: f64) -> f64 {
+    (lobe.albedo(Component::Surface, theta) - lobe.albedo(Component::Rehit, theta)).max(0.0)
+}
+
+/// Mean of the colour factor over each component's light, at every node of θi.
+fn mean_factors(factor: &Curves, half_angles: &HalfAngles) -> [Curves; 3] {
+    [0, 1, 2].map(|component| {
+        let mean = |tally: &[Box<[f64; NODES]>; 3], c: usize| -> f64 {
+            tally[component].iter().zip(factor.iter()).map(|(mass, factor)| mass * factor[c]).sum()
+        };
+        let splines =
+            [0, 1, 2].map(|c| Spline::new(half_angles.iter().map(|tally| mean(tally, c)).collect()));
+        tabulate(|node, c| splines[c].at(curve::theta_at(node).to_degrees()))
+    })
+}
+
+fn tabulate(value: impl Fn(usize, usize) -> f64) -> Curves {
+    let mut curves = Box::new([[0.0; 3]; NODES]);
+    for (node, channels) in curves.iter_mut().enumerate() {
+        *channels = [0, 1, 2].map(|c| value(node, c));
+    }
+    curves
+}

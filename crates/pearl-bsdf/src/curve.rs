@@ -1,0 +1,106 @@
+//! The common grid of everything that depends on one angle: equal steps in u = √(1 − √cos θ).
+//!
+//! Near the normal u ≈ θ/2, so that what a table knows at every degree is resolved; near the horizon cos θ ≈ 4(1 − u)²,
+//! so that albedos that fall off within a few σ are too. Two square roots a look-up, no arc cosine.
+
+use crate::quadrature::gauss_legendre;
+
+/// Steps of the grid.
+pub(crate) const STEPS: usize = 1024;
+/// Nodes of the grid.
+pub(crate) const NODES: usize = STEPS + 1;
+
+/// A place between two nodes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Place {
+    index: usize,
+    fraction: f64,
+}
+
+impl Place {
+    /// The place of an angle, by its cosine; clamped to [0, 1].
+    #[inline]
+    #[allow(clippy::manual_clamp)] // `max` first turns a NaN into 0; `clamp` would keep it
+    pub(crate) fn of_cos(cos: f64) -> Self {
+        let u = (1.0 - cos.max(0.0).min(1.0).sqrt()).sqrt() * STEPS as f64;
+        let index = (u as usize).min(STEPS - 1);
+        Self { index, fraction: u - index as f64 }
+    }
+
+    /// A curve read here, linearly between its nodes.
+    #[inline]
+    pub(crate) fn read(self, curve: &[f64; NODES]) -> f64 {
+        let (a, b) = (curve[self.index], curve[self.index + 1]);
+        a + self.fraction * (b - a)
+    }
+
+    /// Three curves read here, linearly between their nodes.
+    #[inline]
+    pub(crate) fn read3(self, curves: &[[f64; 3]; NODES]) -> [f64; 3] {
+        let (a, b) = (&curves[self.index], &curves[self.index + 1]);
+        std::array::from_fn(|c| a[c] + self.fraction * (b[c] - a[c]))
+    }
+
+    /// Four curves read here.
+    #[inline]
+    pub(crate) fn read4(self, curves: &[[f64; 4]; NODES]) -> [f64; 4] {
+        let (a, b) = (&curves[self.index], &curves[self.index + 1]);
+        std::array::from_fn(|c| a[c] + self.fraction * (b[c] - a[c]))
+    }
+
+    /// Adds a mass here to a histogram over the nodes, split linearly.
+    pub(crate) fn deposit(self, mass: f64, histogram: &mut [f64; NODES]) {
+        histogram[self.index] += (1.0 - self.fraction) * mass;
+        histogram[self.index + 1] += self.fraction * mass;
+    }
+}
+
+/// cos θ of a node.
+pub(crate) fn cos_at(node: usize) -> f64 {
+    let u = node as f64 / STEPS as f64;
+    ((1.0 - u) * (1.0 + u)).powi(2)
+}
+
+/// θ of a node, radians.
+pub(crate) fn theta_at(node: usize) -> f64 {
+    cos_at(node).acos()
+}
+
+/// 2∫ y(μ)·μ dμ of a curve as it is read: its cosine-weighted mean over the hemisphere.
+pub(crate) fn hemispherical_mean(y: impl Fn(usize) -> f64) -> f64 {
+    // μ = (1 − u²)²: 2μ dμ = 8u(1 − u²)³ du up to its sign. Times a linear piece that is of the eighth degree,
+    // for which five points are exact.
+    let rule = gauss_legendre(5);
+    let h = 1.0 / STEPS as f64;
+    let step = |i: usize| {
+        let (a, b) = (y(i), y(i + 1));
+        let at = |(x, w): &(f64, f64)| {
+            let fraction = 0.5 * (1.0 + x);
+            let u = h * (i as f64 + fraction);
+            0.5 * w * h * (a + fraction * (b - a)) * 8.0 * u * (1.0 - u * u).powi(3)
+        };
+        rule.iter().map(at).sum::<f64>()
+    };
+    (0..STEPS).map(step).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_hemispherical_mean_weights_by_the_cosine() {
+        assert!((hemispherical_mean(|_| 1.0) - 1.0).abs() < 1e-14);
+        // 2∫ μ·√(1 − √μ) dμ = ∫ u·8u(1 − u²)³ du = 8·16/315; u is read exactly.
+        let mean = hemispherical_mean(|i| i as f64 / STEPS as f64);
+        assert!((mean - 128.0 / 315.0).abs() < 1e-14, "{mean}");
+    }
+
+    #[test]
+    fn places_are_clamped_and_never_nan() {
+        let ramp: Box<[[f64; 3]; NODES]> = Box::new(std::array::from_fn(|i| [i as f64; 3]));
+        for (cos, expected) in [(f64::NAN, 1024.0), (-1.0, 1024.0), (2.0, 0.0), (0.5625, 512.0)] {
+            assert_eq!(Place::of_cos(cos).read3(&ramp), [expected; 3]);
+        }
+    }
+}

@@ -1,0 +1,211 @@
+//! The single reflection at interface 0 in closed form: facet density × Fresnel.
+//!
+//! In the frame where wi = (sin θi, 0, cos θi) a facet of slopes (p, q) ~ N(0, σ²) has the normal
+//! m ∝ (−p, −q, 1). It sends light above the horizon where (p + tan θi)² + q² < 1/cos² θi, a disc in slopes;
+//! every such facet also faces wi. Per solid angle of m the slope density is
+//! P(m) = exp(−(p² + q²)/2σ²)/(2πσ² m_z³), and dωm = dωo/(4 wi·m).
+
+use crate::Direction;
+use crate::quadrature::gauss_legendre;
+use lut_io::table::SurfaceModel;
+use statrs::function::erf::erfc_inv;
+use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2, TAU};
+
+/// Narrowest facets that are evaluated, radians: a renderer cannot meet a delta lobe by evaluation.
+pub const MIN_SLOPE_SD: f64 = 1e-4;
+/// Beyond this many σ the normal distribution has no mass that f64 sums would see.
+const FAR: f64 = 8.0;
+
+/// The facets of interface 0.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Facets {
+    sigma: f64,
+    /// Index of the first layer over that of the ambient.
+    index_ratio: f64,
+    /// Whether facets are met in proportion to their projected area.
+    visible: bool,
+}
+
+/// wi and wo with what both lobes need of their half vector.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Half {
+    /// Slopes of the half vector, p along wi's azimuth.
+    pub(crate) p: f64,
+    pub(crate) q: f64,
+    /// Its z.
+    pub(crate) z: f64,
+    /// wi·h = cos θd.
+    pub(crate) cos: f64,
+}
+
+impl Half {
+    /// Of two unit vectors above the horizon.
+    #[inline]
+    pub(crate) fn new(wi: Direction, wo: Direction) -> Self {
+        let h = [wi[0] + wo[0], wi[1] + wo[1], wi[2] + wo[2]];
+        let length2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
+        // |wi + wo| = 2 cos θd.
+        let length = length2.sqrt();
+        let (along, across) = azimuth(wi);
+        let (hx, hy) = (h[0] * along + h[1] * across, h[1] * along - h[0] * across);
+        Self { p: -hx / h[2], q: -hy / h[2], z: (h[2] / length).min(1.0), cos: (0.5 * length).min(1.0) }
+    }
+}
+
+/// cos and sin of the azimuth of a direction; (1, 0) at the pole.
+#[inline]
+pub(crate) fn azimuth(w: Direction) -> (f64, f64) {
+    let sin = (w[0] * w[0] + w[1] * w[1]).sqrt();
+    if sin > 1e-150 { (w[0] / sin, w[1] / sin) } else { (1.0, 0.0) }
+}
+
+/// The slopes that reflect above the horizon, at one q: lo < p < hi.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    lo: f64,
+    hi: f64,
+}
+
+impl Facets {
+    pub(crate) fn new(model: &SurfaceModel) -> Self {
+        Self {
+            sigma: model.slope_sd.max(MIN_SLOPE_SD),
+            index_ratio: model.n_first / model.n_ambient,
+            visible: model.normals == "visible",
+        }
+    }
+
+    /// f·cos θo short of the factor that depends on θi alone: P(m)·F/(4 wi·m), times wi·m/m_z for visible facets.
+    #[inline]
+    pub(crate) fn reflection(&self, half: &Half) -> f64 {
+        let density = self.slope_density(half.p) * self.slope_density(half.q) / (half.z * half.z * half.z);
+        let fresnel = self.fresnel(half.cos);
+        if self.visible { 0.25 * density * fresnel / half.z } else { 0.25 * density * fresnel / half.cos }
+    }
+
+    /// ∫ [`Self::reflection`] over the exit hemisphere, handed out piece by piece as (mass, cos θd).
+    pub(crate) fn integrate(&self, rules: &Rules, cos_i: f64, mut visit: impl FnMut(f64, f64)) {
+        let sin_i = (1.0 - cos_i * cos_i).max(0.0).sqrt();
+        let q_end = (FAR * self.sigma).min(1.0 / cos_i.max(1e-300));
+        for &(x, weight) in &rules.across {
+            // Even in q: one half of it, twice.
+            let q = 0.5 * q_end * (1.0 + x);
+            let across = weight * q_end * self.slope_density(q);
+            let limits = limits(cos_i, sin_i, q);
+            let (lo, hi) = (limits.lo.max(-FAR * self.sigma), limits.hi.min(FAR * self.sigma));
+            if lo >= hi {
+                continue;
+            }
+            for &(x, weight) in &rules.along {
+                let p = lo + 0.5 * (hi - lo) * (1.0 + x);
+                let slant = 1.0 + p * p + q * q;
+                let projected = cos_i - p * sin_i;
+                let cos = (projected / slant.sqrt()).clamp(0.0, 1.0);
+                let seen = if self.visible { projected } else { 1.0 };
+                let mass = 0.5 * (hi - lo) * weight * across * self.slope_density(p) * seen;
+                visit(mass * self.fresnel(cos), cos);
+            }
+        }
+    }
+
+    /// Density per steradian with which [`Self::sample`] finds the direction.
+    #[inline]
+    pub(crate) fn pdf(&self, wi: Direction, half: &Half) -> f64 {
+        let (cos_i, sin_i) = (wi[2], (1.0 - wi[2] * wi[2]).max(0.0).sqrt());
+        let kept = self.kept(-1.0 / cos_i, 1.0 / cos_i) * {
+            let limits = limits(cos_i, sin_i, half.q);
+            self.kept(limits.lo, limits.hi)
+        };
+        if kept <= 0.0 {
+            return 0.0;
+        }
+        let slopes = self.slope_density(half.p) * self.slope_density(half.q) / kept;
+        slopes / (4.0 * half.cos * half.z * half.z * half.z)
+    }
+
+    /// A direction above the horizon: slopes from the normal distribution cut to the disc of the module's head.
+    pub(crate) fn sample(&self, wi: Direction, u: f64, v: f64) -> Option<Direction> {
+        let (cos_i, sin_i) = (wi[2], (1.0 - wi[2] * wi[2]).max(0.0).sqrt());
+        let q = self.truncated_normal(-1.0 / cos_i, 1.0 / cos_i, u)?;
+        let limits = limits(cos_i, sin_i, q);
+        let p = self.truncated_normal(limits.lo, limits.hi, v)?;
+        let z = 1.0 / (1.0 + p * p + q * q).sqrt();
+        let (along, across) = azimuth(wi);
+        let m = [z * (q * across - p * along), -z * (p * across + q * along), z];
+        let twice = 2.0 * (wi[0] * m[0] + wi[1] * m[1] + wi[2] * m[2]);
+        let wo: Direction = std::array::from_fn(|i| twice * m[i] - wi[i]);
+        (wo[2] > 0.0).then_some(wo)
+    }
+
+    #[inline]
+    fn slope_density(&self, slope: f64) -> f64 {
+        let x = slope / self.sigma;
+        (-0.5 * x * x).exp() / (TAU.sqrt() * self.sigma)
+    }
+
+    /// Probability that a slope lies between the limits.
+    #[inline]
+    fn kept(&self, lo: f64, hi: f64) -> f64 {
+        let far = FAR * self.sigma;
+        if lo <= -far && hi >= far {
+            return 1.0;
+        }
+        // The smaller tails are subtracted, so that nothing cancels on either side.
+        let (a, b) = (lo / self.sigma, hi / self.sigma);
+        if a > 0.0 { upper_tail(a) - upper_tail(b) } else { upper_tail(-b) - upper_tail(-a) }
+    }
+
+    fn truncated_normal(&self, lo: f64, hi: f64, u: f64) -> Option<f64> {
+        let (a, b) = (lo / self.sigma, hi / self.sigma);
+        // In the variable that falls towards the tail: the far side of both limits keeps its digits.
+        let (a, b, sign) = if a > 0.0 { (a, b, 1.0) } else { (-b, -a, -1.0) };
+        let (near, far) = (upper_tail(a), upper_tail(b));
+        if near - far <= 0.0 {
+            return None;
+        }
+        let tail = near + u * (far - near);
+        let x = SQRT_2 * erfc_inv(2.0 * tail.clamp(f64::MIN_POSITIVE, 1.0 - 1e-16));
+        Some(sign * x.clamp(a, b) * self.sigma)
+    }
+
+    /// Unpolarised Fresnel reflectance at the cosine of the local angle of incidence.
+    #[inline]
+    pub(crate) fn fresnel(&self, cos: f64) -> f64 {
+        let ratio = self.index_ratio;
+        let cos_t2 = 1.0 - (1.0 - cos * cos) / (ratio * ratio);
+        if cos_t2 <= 0.0 {
+            return 1.0;
+        }
+        let cos_t = cos_t2.sqrt();
+        let s = (cos - ratio * cos_t) / (cos + ratio * cos_t);
+        let p = (ratio * cos - cos_t) / (ratio * cos + cos_t);
+        0.5 * (s * s + p * p)
+    }
+}
+
+/// Where along p the disc of upward reflection lies, at one q.
+#[inline]
+fn limits(cos_i: f64, sin_i: f64, q: f64) -> Limits {
+    let chord = (1.0 - q * q * cos_i * cos_i).max(0.0).sqrt();
+    // −tan θ + √(sec²θ − q²) without its cancellation at grazing.
+    Limits { lo: -(sin_i + chord) / cos_i, hi: cos_i * (1.0 - q * q) / (sin_i + chord).max(1e-300) }
+}
+
+/// P(X > x) of the standard normal distribution.
+#[inline]
+fn upper_tail(x: f64) -> f64 {
+    0.5 * libm::erfc(x * FRAC_1_SQRT_2)
+}
+
+/// Quadrature rules over the slopes.
+pub(crate) struct Rules {
+    along: Vec<(f64, f64)>,
+    across: Vec<(f64, f64)>,
+}
+
+impl Rules {
+    /// Enough points for Gaussians of ± 8σ to 1e-9.
+    pub(crate) fn new() -> Self {
+        Self { along: gauss_legendre(48), across: gauss_legendre(24) }
+    }
+}
