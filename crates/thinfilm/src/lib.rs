@@ -12,6 +12,7 @@ pub mod illuminant;
 pub mod intensity;
 pub mod material;
 pub mod reference_case;
+pub mod modulation;
 mod scaled;
 mod scattering;
 pub mod stack;
