@@ -5,7 +5,12 @@ use thinfilm::{Material, Stack, StackError, dense};
 
 fn main() -> Result<(), StackError> {
     let wanted = std::env::args().nth(1).unwrap_or_default();
-    for (name, k, sd) in [("lossless regular", 0.0, 0.0), ("lossless irregular", 0.0, 0.03), ("absorbing regular", 1e-3, 0.0), ("absorbing irregular", 1e-3, 0.03)] {
+    for (name, k, sd) in [
+        ("lossless regular", 0.0, 0.0),
+        ("lossless irregular", 0.0, 0.03),
+        ("absorbing regular", 1e-3, 0.0),
+        ("absorbing irregular", 1e-3, 0.03),
+    ] {
         if !name.contains(&wanted) {
             continue;
         }
@@ -29,7 +34,12 @@ fn main() -> Result<(), StackError> {
             rates.push(evaluations / (cpu_seconds() - start));
         }
         rates.sort_by(f64::total_cmp);
-        println!("{name}: median {:.3e}, best {:.3e} layer evaluations/s, {robust} robust lanes of {}", rates[7], rates[14], 81 * 90);
+        println!(
+            "{name}: median {:.3e}, best {:.3e} layer evaluations/s, {robust} robust lanes of {}",
+            rates[7],
+            rates[14],
+            81 * 90
+        );
     }
     Ok(())
 }

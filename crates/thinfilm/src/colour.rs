@@ -94,7 +94,11 @@ pub fn delta_e_2000(a: [f64; 3], b: [f64; 3]) -> f64 {
     let g = 0.5 * (1.0 - seventh(0.5 * (chroma(a) + chroma(b))));
     let prime = |c: [f64; 3]| {
         let a_prime = (1.0 + g) * c[1];
-        let hue = if a_prime == 0.0 && c[2] == 0.0 { 0.0 } else { c[2].atan2(a_prime).to_degrees().rem_euclid(360.0) };
+        let hue = if a_prime == 0.0 && c[2] == 0.0 {
+            0.0
+        } else {
+            c[2].atan2(a_prime).to_degrees().rem_euclid(360.0)
+        };
         (a_prime.hypot(c[2]), hue)
     };
     let ((c_1, h_1), (c_2, h_2)) = (prime(a), prime(b));
@@ -114,7 +118,8 @@ pub fn delta_e_2000(a: [f64; 3], b: [f64; 3]) -> f64 {
     let delta_hue = 2.0 * (c_1 * c_2).sqrt() * (turn / 2.0).to_radians().sin();
     let (light, c) = (0.5 * (a[0] + b[0]), 0.5 * (c_1 + c_2));
     let cos = |factor: f64, shift: f64| (factor * hue + shift).to_radians().cos();
-    let t = 1.0 - 0.17 * cos(1.0, -30.0) + 0.24 * cos(2.0, 0.0) + 0.32 * cos(3.0, 6.0) - 0.20 * cos(4.0, -63.0);
+    let t =
+        1.0 - 0.17 * cos(1.0, -30.0) + 0.24 * cos(2.0, 0.0) + 0.32 * cos(3.0, 6.0) - 0.20 * cos(4.0, -63.0);
     let s_l = 1.0 + 0.015 * (light - 50.0).powi(2) / (20.0 + (light - 50.0).powi(2)).sqrt();
     let (s_c, s_h) = (1.0 + 0.045 * c, 1.0 + 0.015 * c * t);
     let rotation = -2.0 * seventh(c) * (60.0 * (-((hue - 275.0) / 25.0).powi(2)).exp()).to_radians().sin();
@@ -148,7 +153,13 @@ pub const MOST_WAVELENGTHS: usize = 102_401;
 ///
 /// # Errors
 /// As [`ensemble::mean`].
-pub fn of_stack(stack: &Stack, seed: u64, members: u64, angles: &[f64], accuracy: f64) -> Result<Vec<StackColour>, StackError> {
+pub fn of_stack(
+    stack: &Stack,
+    seed: u64,
+    members: u64,
+    angles: &[f64],
+    accuracy: f64,
+) -> Result<Vec<StackColour>, StackError> {
     let at = |count: usize| -> Result<Vec<Xyz>, StackError> {
         let spectra = ensemble::mean(stack, seed, members, &wavelengths(count), angles)?;
         Ok(spectra.reflectance.iter().map(|row| xyz(row)).collect())
@@ -158,7 +169,8 @@ pub fn of_stack(stack: &Stack, seed: u64, members: u64, angles: &[f64], accuracy
     loop {
         count = 2 * count - 1;
         let fine = at(count)?;
-        let changes: Vec<f64> = coarse.iter().zip(&fine).map(|(a, b)| delta_e_2000(lab(*a), lab(*b))).collect();
+        let changes: Vec<f64> =
+            coarse.iter().zip(&fine).map(|(a, b)| delta_e_2000(lab(*a), lab(*b))).collect();
         let worst = changes.iter().copied().fold(0.0, f64::max);
         if worst <= accuracy || count >= MOST_WAVELENGTHS {
             let colour = |(xyz, change): (Xyz, f64)| StackColour {

@@ -185,7 +185,17 @@ impl<'a> Solver<'a> {
         let steady = indices.windows(2).all(|pair| pair[0] == pair[1]);
         let count_of = |medium: usize| layers.iter().filter(|layer| layer.medium == medium).count();
         let reference = (0..materials).max_by_key(|&m| count_of(m)).unwrap_or(0);
-        Ok(Self { stack, wavelengths, indices, layers, interface_pairs, interface_of, reference, sources, steady })
+        Ok(Self {
+            stack,
+            wavelengths,
+            indices,
+            layers,
+            interface_pairs,
+            interface_of,
+            reference,
+            sources,
+            steady,
+        })
     }
 
     /// Whether the fast loops take the stack at all.
@@ -230,12 +240,23 @@ impl<'a> Solver<'a> {
             }
             robust += 1;
             let pair = first + lane;
-            self.robust(angles[pair / self.wavelengths.len()], pair % self.wavelengths.len(), lane, &mut result)?;
+            self.robust(
+                angles[pair / self.wavelengths.len()],
+                pair % self.wavelengths.len(),
+                lane,
+                &mut result,
+            )?;
         }
         Ok(Tile { result, robust })
     }
 
-    fn robust(&self, theta: f64, wavelength: usize, lane: usize, result: &mut TileResult) -> Result<(), StackError> {
+    fn robust(
+        &self,
+        theta: f64,
+        wavelength: usize,
+        lane: usize,
+        result: &mut TileResult,
+    ) -> Result<(), StackError> {
         let lambda = self.wavelengths[wavelength];
         let multilayer = self.stack.at(lambda)?;
         let incidence = Incidence::Angle(theta);
@@ -318,12 +339,15 @@ impl<'a> TileLanes<'a> {
             let pair = (first + lane).min(last - 1);
             let (theta, wavelength) = (angles[pair / count], pair % count);
             let indices = &solver.indices[wavelength];
-            let same = pair > first && wavelength > 0 && (solver.steady || solver.indices[wavelength - 1] == *indices);
+            let same = pair > first
+                && wavelength > 0
+                && (solver.steady || solver.indices[wavelength - 1] == *indices);
             if distinct.is_empty() || !same {
                 distinct.push(LaneWave::new(indices, theta)?);
             }
             of_lane[lane] = distinct.len() - 1;
-            suitable[lane] = solver.is_fast() && indices.ambient.im == 0.0 && distinct[of_lane[lane]].is_steep();
+            suitable[lane] =
+                solver.is_fast() && indices.ambient.im == 0.0 && distinct[of_lane[lane]].is_steep();
             k0.0[lane] = std::f64::consts::TAU / solver.wavelengths[wavelength];
         }
         Ok(Self { solver, distinct, of_lane, suitable, k0 })
@@ -362,7 +386,8 @@ impl<'a> TileLanes<'a> {
         }
         let reference = self.solver.reference;
         let q_reference = Polarisation::BOTH.map(|pol| self.real(reference, pol));
-        let media: Vec<LosslessMedium> = (0..materials).map(|m| self.lossless_medium(m, &q_reference)).collect();
+        let media: Vec<LosslessMedium> =
+            (0..materials).map(|m| self.lossless_medium(m, &q_reference)).collect();
         let (ambient, substrate) = (ambient_number(materials), substrate_number(materials));
         let q_substrate = Polarisation::BOTH
             .map(|pol| [self.real(substrate, pol), self.gather(|wave| wave.admittance(substrate, pol).im)]);
@@ -407,7 +432,8 @@ impl<'a> TileLanes<'a> {
         let media: Vec<ComplexMedium> = (0..materials)
             .map(|medium| ComplexMedium {
                 turns: self.k0.zip(self.gather(|wave| wave.kz[medium].re), half_turns_per_metre),
-                decay: (self.k0 * self.gather(|wave| wave.kz[medium].im)).scale(2.0 * std::f64::consts::LOG2_E),
+                decay: (self.k0 * self.gather(|wave| wave.kz[medium].im))
+                    .scale(2.0 * std::f64::consts::LOG2_E),
             })
             .collect();
         let interfaces: Vec<Interface> =
@@ -471,9 +497,19 @@ mod dispatch {
         };
     }
 
-    compiled_for!(lossless_avx512, LosslessTile, kernel::lossless::<false>, "avx512f,avx512dq,avx512vl,fma,bmi2");
+    compiled_for!(
+        lossless_avx512,
+        LosslessTile,
+        kernel::lossless::<false>,
+        "avx512f,avx512dq,avx512vl,fma,bmi2"
+    );
     compiled_for!(lossless_avx2, LosslessTile, kernel::lossless::<false>, "avx2,fma,bmi2");
-    compiled_for!(emitting_avx512, LosslessTile, kernel::lossless::<true>, "avx512f,avx512dq,avx512vl,fma,bmi2");
+    compiled_for!(
+        emitting_avx512,
+        LosslessTile,
+        kernel::lossless::<true>,
+        "avx512f,avx512dq,avx512vl,fma,bmi2"
+    );
     compiled_for!(emitting_avx2, LosslessTile, kernel::lossless::<true>, "avx2,fma,bmi2");
     compiled_for!(complex_avx512, ComplexTile, kernel::complex, "avx512f,avx512dq,avx512vl,fma,bmi2");
     compiled_for!(complex_avx2, ComplexTile, kernel::complex, "avx2,fma,bmi2");

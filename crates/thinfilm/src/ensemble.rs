@@ -27,7 +27,13 @@ pub const MOST_MEMBERS: u64 = 1 << 16;
 ///
 /// # Errors
 /// As [`Stack::draw`] and [`dense::spectra`].
-pub fn mean(stack: &Stack, seed: u64, members: u64, wavelengths: &[f64], angles: &[f64]) -> Result<EnsembleMean, StackError> {
+pub fn mean(
+    stack: &Stack,
+    seed: u64,
+    members: u64,
+    wavelengths: &[f64],
+    angles: &[f64],
+) -> Result<EnsembleMean, StackError> {
     let members = if stack.is_irregular() { members.clamp(1, MOST_MEMBERS) } else { 1 };
     let mut sums = Sums::new(wavelengths.len() * angles.len());
     sums.extend(stack, seed, 0..members, wavelengths, angles)?;
@@ -90,7 +96,8 @@ impl Sums {
                 .collect::<Result<_, _>>()?;
             for spectra in &batch {
                 for angle in 0..angles.len() {
-                    let (r, t) = (spectra.unpolarised_reflectance(angle), spectra.unpolarised_transmittance(angle));
+                    let (r, t) =
+                        (spectra.unpolarised_reflectance(angle), spectra.unpolarised_transmittance(angle));
                     for (i, (r, t)) in r.iter().zip(t).enumerate() {
                         let at = angle * wavelengths.len() + i;
                         self.r[at] += r;

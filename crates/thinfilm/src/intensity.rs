@@ -35,14 +35,24 @@ pub struct Intensity {
 
 impl Intensity {
     /// Nothing there.
-    pub const CLEAR: Self =
-        Self { reflectance: 0.0, reflectance_back: 0.0, transmittance: 1.0, absorptance: 0.0, absorptance_back: 0.0 };
+    pub const CLEAR: Self = Self {
+        reflectance: 0.0,
+        reflectance_back: 0.0,
+        transmittance: 1.0,
+        absorptance: 0.0,
+        absorptance_back: 0.0,
+    };
 
     /// A layer crossed without interference, of absorptance 1 − e^(−x).
     #[must_use]
     pub fn crossing(optical_depth: f64) -> Self {
         let absorptance = -(-optical_depth).exp_m1();
-        Self { transmittance: (-optical_depth).exp(), absorptance, absorptance_back: absorptance, ..Self::CLEAR }
+        Self {
+            transmittance: (-optical_depth).exp(),
+            absorptance,
+            absorptance_back: absorptance,
+            ..Self::CLEAR
+        }
     }
 
     /// An interface between two media of real admittance, unit weight to s and p or one of them.
@@ -77,7 +87,12 @@ impl Intensity {
 ///
 /// # Errors
 /// Angle or index out of range.
-pub fn fresnel(upper: Complex64, lower: Complex64, theta: f64, light: Light) -> Result<(f64, f64), WaveError> {
+pub fn fresnel(
+    upper: Complex64,
+    lower: Complex64,
+    theta: f64,
+    light: Light,
+) -> Result<(f64, f64), WaveError> {
     let stack = Multilayer { ambient: upper, runs: Vec::new(), substrate: lower };
     mean(light, |polarisation| {
         let response = stack.solve(500e-9, Incidence::Angle(theta), polarisation)?;
@@ -98,7 +113,8 @@ pub fn sheet(
     theta: f64,
     light: Light,
 ) -> Result<(f64, f64), WaveError> {
-    let stack = Multilayer { ambient: upper, runs: vec![Run { unit: vec![sheet], repeat: 1 }], substrate: lower };
+    let stack =
+        Multilayer { ambient: upper, runs: vec![Run { unit: vec![sheet], repeat: 1 }], substrate: lower };
     mean(light, |polarisation| {
         let response = stack.solve(wavelength, Incidence::Angle(theta), polarisation)?;
         Ok((response.reflectance, response.transmittance))
@@ -182,7 +198,11 @@ mod tests {
     fn power_is_conserved_whatever_absorbs() {
         let material = |n, k| Material { k, ..Material::constant(n) };
         let stack = Stack::alternating(
-            Material::constant(1.0), (material(1.53, 1e-4), 450e-9, 0.0), (material(1.43, 1e-3), 25e-9, 0.0), 500, Material::constant(1.53),
+            Material::constant(1.0),
+            (material(1.53, 1e-4), 450e-9, 0.0),
+            (material(1.43, 1e-3), 25e-9, 0.0),
+            500,
+            Material::constant(1.53),
         );
         for theta in [0.0, 0.7, 1.4] {
             let whole = incoherent(&stack, 550e-9, theta, Light::Unpolarised).unwrap();

@@ -2,10 +2,10 @@
 
 use rayon::prelude::*;
 
+use crate::ensemble;
 use crate::illuminant::{self, SourceProfile};
 use crate::intensity::{Light, incoherent};
 use crate::stack::{Stack, StackError};
-use crate::ensemble;
 
 /// M(λ, θ) of a stack (the mean of `members` draws if it is irregular), rows of angles (radians), each over the
 /// wavelengths (metres): the coherent reflectance over that of the same layers with their intensities added, unpolarised

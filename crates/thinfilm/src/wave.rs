@@ -257,7 +257,8 @@ impl LayerMatrix {
         let k0_d = k0 * layer.thickness;
         let kz2 = wave.kz2(layer.index);
         let kz = sqrt_upper(kz2);
-        let delta = Phase { half_turns: half_turns_per_metre(k0, kz.re) * layer.thickness, decay: kz.im * k0_d };
+        let delta =
+            Phase { half_turns: half_turns_per_metre(k0, kz.re) * layer.thickness, decay: kz.im * k0_d };
         let (cos, sinc) = cos_and_sinc(delta);
         let (growth, exponent) = exp_parts(delta.decay);
         let (cos, sinc) = (cos * growth, sinc * (growth * k0_d));

@@ -11,7 +11,10 @@ const PROMISE: f64 = 1e-12;
 fn random_stack(random: &mut StdRng) -> Stack {
     let k = if random.random_bool(0.5) { 0.0 } else { 10f64.powf(random.random_range(-6.0..0.5)) };
     let materials: Vec<Material> = (0..random.random_range(1..4usize))
-        .map(|_| Material { k: k * random.random_range(0.0..1.0), ..Material::constant(random.random_range(1.05..2.4)) })
+        .map(|_| Material {
+            k: k * random.random_range(0.0..1.0),
+            ..Material::constant(random.random_range(1.05..2.4))
+        })
         .collect();
     let unit = |random: &mut StdRng| StackLayer {
         material: random.random_range(0..materials.len()),
@@ -25,10 +28,17 @@ fn random_stack(random: &mut StdRng) -> Stack {
         vec![StackRun { unit: vec![unit(random), unit(random)], repeat: (count as u64 / 2).max(1) }]
     };
     Stack {
-        ambient: Material::constant(if random.random_bool(0.7) { 1.0 } else { random.random_range(1.0..1.8) }),
+        ambient: Material::constant(if random.random_bool(0.7) {
+            1.0
+        } else {
+            random.random_range(1.0..1.8)
+        }),
         materials,
         runs,
-        substrate: Material { k: if random.random_bool(0.3) { 2.0 } else { 0.0 }, ..Material::constant(random.random_range(1.0..2.0)) },
+        substrate: Material {
+            k: if random.random_bool(0.3) { 2.0 } else { 0.0 },
+            ..Material::constant(random.random_range(1.0..2.0))
+        },
         gain: thinfilm::Gain::Refused,
     }
 }
@@ -36,7 +46,8 @@ fn random_stack(random: &mut StdRng) -> Stack {
 #[test]
 fn the_fast_path_agrees_with_the_robust_form_to_1e_12() {
     let wavelengths: Vec<f64> = (0..41).map(|i| 380e-9 + 10e-9 * f64::from(i)).collect();
-    let angles: Vec<f64> = [0.0, 20.0, 45.0, 60.0, 75.0, 85.0, 89.0, 89.9, 90.0].map(f64::to_radians).to_vec();
+    let angles: Vec<f64> =
+        [0.0, 20.0, 45.0, 60.0, 75.0, 85.0, 89.0, 89.9, 90.0].map(f64::to_radians).to_vec();
     let worst = (0..300u64)
         .into_par_iter()
         .map(|seed| {
@@ -71,9 +82,15 @@ fn a_pearl_is_done_by_the_fast_path() {
     let angles: Vec<f64> = (0..90).map(|deg| f64::from(deg).to_radians()).collect();
     for (k, sd) in [(0.0, 0.03), (1e-3, 0.03), (0.0, 0.1)] {
         let material = |n| Material { k, ..Material::constant(n) };
-        let stack = Stack::alternating(Material::constant(1.0), (material(1.53), 450e-9, 450e-9 * sd), (material(1.43), 25e-9, 25e-9 * sd), 500, Material::constant(1.53))
-            .draw(5, 0)
-            .unwrap();
+        let stack = Stack::alternating(
+            Material::constant(1.0),
+            (material(1.53), 450e-9, 450e-9 * sd),
+            (material(1.43), 25e-9, 25e-9 * sd),
+            500,
+            Material::constant(1.53),
+        )
+        .draw(5, 0)
+        .unwrap();
         let robust = dense::spectra(&stack, &wavelengths, &angles).unwrap().robust_lanes();
         eprintln!("k {k} sd {sd}: {robust}");
         // 1 % of lanes at 50 × the cost would halve the speed.
@@ -101,7 +118,11 @@ fn emission_of_the_fast_path_is_the_integral_of_the_robust_field() {
                 };
                 let robust = 0.5 * (of(Polarisation::S) + of(Polarisation::P));
                 // Some hundred layers; resonances magnify 1e-16 by at most 1e4 in these stacks.
-                assert!((emission[w] - robust).abs() <= 1e-10 * robust, "seed {seed} {theta} {wavelength}: {} {robust}", emission[w]);
+                assert!(
+                    (emission[w] - robust).abs() <= 1e-10 * robust,
+                    "seed {seed} {theta} {wavelength}: {} {robust}",
+                    emission[w]
+                );
             }
         }
     }

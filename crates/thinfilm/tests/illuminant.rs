@@ -21,8 +21,13 @@ fn radiated(layers: &[Layer], substrate: f64, at: usize, height: f64, wavelength
     let host = layers[at];
     let kx = theta.sin();
     let cut = |thickness: f64| Layer { thickness, ..host };
-    let stack = |unit: Vec<Layer>, substrate: f64| Multilayer { ambient: host.index, runs: vec![Run { unit, repeat: 1 }], substrate: real(substrate) };
-    let solve = |stack: &Multilayer| stack.solve(wavelength, Incidence::InPlane(kx), Polarisation::S).unwrap();
+    let stack = |unit: Vec<Layer>, substrate: f64| Multilayer {
+        ambient: host.index,
+        runs: vec![Run { unit, repeat: 1 }],
+        substrate: real(substrate),
+    };
+    let solve =
+        |stack: &Multilayer| stack.solve(wavelength, Incidence::InPlane(kx), Polarisation::S).unwrap();
     let mut up: Vec<Layer> = vec![cut(host.thickness - height)];
     up.extend(layers[..at].iter().rev());
     let mut down = vec![cut(height)];
@@ -47,10 +52,15 @@ fn emission_by_reciprocity_is_what_sheets_of_current_radiate() {
             const SHEETS: usize = 60;
             for i in 0..SHEETS {
                 let height = layer.thickness * (i as f64 + 0.5) / SHEETS as f64;
-                direct += radiated(&layers, 1.33, at, height, wavelength, theta) * layer.thickness / SHEETS as f64;
+                direct +=
+                    radiated(&layers, 1.33, at, height, wavelength, theta) * layer.thickness / SHEETS as f64;
             }
         }
-        let field = stack.at(wavelength).unwrap().field(wavelength, Incidence::Angle(theta), Polarisation::S).unwrap();
+        let field = stack
+            .at(wavelength)
+            .unwrap()
+            .field(wavelength, Incidence::Angle(theta), Polarisation::S)
+            .unwrap();
         // Radiance = power per solid angle over cos θ; by reciprocity (1/cos θ)·∫|E|² dz.
         let reciprocal = field.integrals().iter().sum::<f64>() / theta.cos();
         ratios.push(direct / theta.cos() / reciprocal);
@@ -65,7 +75,8 @@ fn emission_by_reciprocity_is_what_sheets_of_current_radiate() {
 fn sources_below_the_stack_are_seen_through_it() {
     let stack = pearl(0.0);
     let seen = emission(&stack, SourceProfile::Substrate, &[500e-9], &[0.4]).unwrap()[0][0];
-    let solve = |pol| stack.at(500e-9).unwrap().solve(500e-9, Incidence::Angle(0.4), pol).unwrap().transmittance;
+    let solve =
+        |pol| stack.at(500e-9).unwrap().solve(500e-9, Incidence::Angle(0.4), pol).unwrap().transmittance;
     let mean = 0.5 * (solve(Polarisation::S) + solve(Polarisation::P));
     // The fast path agrees with the robust one to 1e-12.
     assert!((seen - mean).abs() < 1e-12);
@@ -75,10 +86,19 @@ fn sources_below_the_stack_are_seen_through_it() {
 fn the_illuminant_has_unit_mean_and_the_modulation_is_finite_to_grazing() {
     let stack = pearl(0.03);
     let wavelengths: Vec<f64> = (0..41).map(|i| 380e-9 + 10e-9 * f64::from(i)).collect();
-    let rows = modulation::illuminant(&stack, SourceProfile::Exponential { depth: 5e-6 }, 1, 4, &wavelengths, &[0.0, 1.2]).unwrap();
+    let rows = modulation::illuminant(
+        &stack,
+        SourceProfile::Exponential { depth: 5e-6 },
+        1,
+        4,
+        &wavelengths,
+        &[0.0, 1.2],
+    )
+    .unwrap();
     for row in rows {
         assert!((row.iter().sum::<f64>() / 41.0 - 1.0).abs() < 1e-12 && row.iter().all(|e| *e > 0.0));
     }
-    let rows = modulation::modulation(&stack, 1, 4, &wavelengths, &[0.0, 1.0, std::f64::consts::FRAC_PI_2]).unwrap();
+    let rows =
+        modulation::modulation(&stack, 1, 4, &wavelengths, &[0.0, 1.0, std::f64::consts::FRAC_PI_2]).unwrap();
     assert!(rows.iter().flatten().all(|m| m.is_finite() && *m >= 0.0));
 }

@@ -227,7 +227,8 @@ fn lossless_block<const EMISSION: bool>(
 #[inline(always)]
 fn finish_lossless(tile: &LosslessTile, rotors: [Rotor; 2], memories: [Memory; 2]) -> TileResult {
     let nothing = [Lanes::splat(0.0); 2];
-    let mut result = TileResult { reflectance: nothing, transmittance: nothing, doubt: nothing, emission: nothing };
+    let mut result =
+        TileResult { reflectance: nothing, transmittance: nothing, doubt: nothing, emission: nothing };
     for (pol, rotor) in rotors.iter().enumerate() {
         let (q_0, q_ref) = (tile.q_ambient[pol], tile.q_reference[pol]);
         // q₀B and C, real and imaginary parts; the second solution carries −Re C.
@@ -245,7 +246,8 @@ fn finish_lossless(tile: &LosslessTile, rotors: [Rotor; 2], memories: [Memory; 2
         let broken = whole.zip(incident, |a, b| (a / b - 1.0).abs());
         // q_ref(B² + C²/q_ref²) stored against |q₀B + C|²/2q₀ coming in.
         let incoming = incident.zip((q_0 * q_ref).scale(2.0), |d, q| d / q);
-        result.doubt[pol] = broken + memories[pol].magnified_rounding(ROTATION_ROUNDING, tile.layers.len(), incoming);
+        result.doubt[pol] =
+            broken + memories[pol].magnified_rounding(ROTATION_ROUNDING, tile.layers.len(), incoming);
         result.emission[pol] = rotor.emission.zip(incident, |e, d| e / d) * (q_0 * q_0).scale(4.0);
     }
     result
@@ -375,10 +377,16 @@ fn complex_block(
 }
 
 #[inline(always)]
-fn finish_complex(tile: &ComplexTile, waves: [Amplitudes; 2], memories: [Memory; 2], total_decay: Lanes) -> TileResult {
+fn finish_complex(
+    tile: &ComplexTile,
+    waves: [Amplitudes; 2],
+    memories: [Memory; 2],
+    total_decay: Lanes,
+) -> TileResult {
     let top = &tile.interfaces[tile.interface_of[tile.layers.len()]];
     let nothing = [Lanes::splat(0.0); 2];
-    let mut result = TileResult { reflectance: nothing, transmittance: nothing, doubt: nothing, emission: nothing };
+    let mut result =
+        TileResult { reflectance: nothing, transmittance: nothing, doubt: nothing, emission: nothing };
     for (pol, (wave, memory)) in waves.into_iter().zip(memories).enumerate() {
         let wave = wave.interface(&top.rho[pol], top.inverse_tau[pol]).normalised();
         let [down, up] = [wave.down, wave.up].map(|z| z[0].fma(z[0], z[1] * z[1]));

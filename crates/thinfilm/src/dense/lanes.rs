@@ -194,7 +194,12 @@ mod tests {
             let x = u * std::f64::consts::TAU;
             // The reduction u − round(u) is exact; x itself is rounded to 1e-16·|x|. Doubling twice leaves 8 half-ulps.
             let tolerance = 8.0 * 2f64.powi(-53) + 2e-16 * x.abs();
-            assert!((c.0[0] - x.cos()).abs() < tolerance && (s.0[0] - x.sin()).abs() < tolerance, "{u}: {:e} {:e}", c.0[0] - x.cos(), s.0[0] - x.sin());
+            assert!(
+                (c.0[0] - x.cos()).abs() < tolerance && (s.0[0] - x.sin()).abs() < tolerance,
+                "{u}: {:e} {:e}",
+                c.0[0] - x.cos(),
+                s.0[0] - x.sin()
+            );
             let y = u.abs() * 100.0;
             assert!((exp2_neg(Lanes::splat(y)).0[3] / (-y).exp2() - 1.0).abs() < 1e-15, "{y}");
         }
