@@ -62,7 +62,7 @@ fn the_fast_path_agrees_with_the_robust_form_to_1e_12() {
                         let error = (spectra.reflectance(a, pol)[w] - robust.reflectance)
                             .abs()
                             .max((spectra.transmittance(a, pol)[w] - robust.transmittance).abs());
-                        if !(error <= worst.0) {
+                        if error.is_nan() || error > worst.0 {
                             worst = (error, format!("seed {seed} angle {theta} wavelength {wavelength} {pol:?} robust lanes {}", spectra.robust_lanes()));
                         }
                     }
@@ -71,7 +71,6 @@ fn the_fast_path_agrees_with_the_robust_form_to_1e_12() {
             worst
         })
         .reduce(|| (0.0, String::new()), |a, b| if a.0 >= b.0 { a } else { b });
-    eprintln!("worst {worst:?}");
     assert!(worst.0 <= PROMISE, "{worst:?}");
 }
 
@@ -92,7 +91,6 @@ fn a_pearl_is_done_by_the_fast_path() {
         .draw(5, 0)
         .unwrap();
         let robust = dense::spectra(&stack, &wavelengths, &angles).unwrap().robust_lanes();
-        eprintln!("k {k} sd {sd}: {robust}");
         // 1 % of lanes at 50 × the cost would halve the speed.
         assert!(robust * 200 < wavelengths.len() * angles.len(), "k {k}, sd {sd}: {robust} robust lanes");
     }

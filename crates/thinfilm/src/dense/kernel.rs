@@ -1,6 +1,6 @@
 //! The two inner loops: layers without loss as real rotations, all others as complex amplitudes.
 
-use super::lanes::{LANES, Lanes, cos_sin_half_turns, cos_sin_turns, exp2_neg};
+use super::lanes::{Lanes, cos_sin_half_turns, cos_sin_turns, exp2_neg};
 
 /// A layer of a stack, as the loops read it.
 #[derive(Clone, Copy, Debug)]
@@ -398,5 +398,3 @@ fn finish_complex(
     }
     result
 }
-
-const _: () = assert!(LANES % 8 == 0);

@@ -112,7 +112,7 @@ impl std::ops::Mul for Lanes {
 
 /// sin(πr/2)/r as a polynomial in r², |r| ≤ ½: Chebyshev fit in 60 digits, error 5e-18.
 const SIN: [f64; 7] = [
-    1.5707963267948966,
+    std::f64::consts::FRAC_PI_2,
     -0.6459640975062443,
     0.07969262624604301,
     -0.004681754132340976,
@@ -136,7 +136,7 @@ const COS: [f64; 8] = [
 /// 2^-f, |f| ≤ ½: error 3e-18.
 const EXP2_NEG: [f64; 12] = [
     1.0,
-    -0.6931471805599453,
+    -std::f64::consts::LN_2,
     0.24022650695910158,
     -0.055504108664821625,
     0.009618129107587256,
