@@ -1,8 +1,5 @@
 //! `thinfilm`: what waves do in a stack of layers.
 
-#[path = "../thinfilm/colour.rs"]
-mod colour;
-
 use bake_brdf::recipe::{self, Recipe};
 use clap::{Parser, Subcommand, ValueEnum};
 use rayon::prelude::*;
@@ -23,8 +20,6 @@ const MOST_SAMPLES: usize = 1_000_000;
 #[command(name = "thinfilm", version)]
 #[command(after_help = "Examples:
   thinfilm spectrum pearl.json --angles-deg 0,30 --wavelengths-nm 380:780:401 --pol u --json
-  thinfilm colour pearl.json --angles-deg 0,30,60
-  thinfilm swatch pearl.json -o swatch.png
   thinfilm verify cases.json        exit 3 if a case misses its own tolerance")]
 struct Cli {
     #[command(subcommand)]
@@ -59,19 +54,6 @@ enum Command {
         #[arg(long, value_enum, default_value = "u")]
         pol: Pol,
     },
-    /// Colours of a recipe's stack under D65: XYZ, linear sRGB, L*a*b*.
-    Colour {
-        #[command(flatten)]
-        args: colour::ColourArgs,
-    },
-    /// Picture of the colour against angle and layer thickness.
-    Swatch {
-        #[command(flatten)]
-        args: colour::ColourArgs,
-        /// PNG to write.
-        #[arg(short, long, value_name = "PNG")]
-        output: PathBuf,
-    },
     /// Compare with reference answers (the format of hard_cases.json).
     Verify {
         /// Cases with answers to many digits.
@@ -96,8 +78,6 @@ fn run(cli: Cli) -> Outcome {
         Command::Spectrum { recipe, angles_deg, wavelengths_nm, pol } => {
             spectrum(recipe, angles_deg, wavelengths_nm, *pol, cli.json)
         }
-        Command::Colour { args } => colour::colours(&read_recipe(&args.recipe)?, args, cli.json),
-        Command::Swatch { args, output } => colour::swatch(&read_recipe(&args.recipe)?, args, output),
         Command::Verify { cases } => verify(cases, cli.json),
     })
 }
@@ -109,11 +89,6 @@ fn read(path: &Path, most: u64) -> Result<String, Stop> {
     let mut text = String::new();
     let length = file.take(most + 1).read_to_string(&mut text).map_err(|why| named(why.to_string()))?;
     if length as u64 > most { Err(named(format!("longer than {most} bytes"))) } else { Ok(text) }
-}
-
-fn read_recipe(path: &Path) -> Result<Recipe, Stop> {
-    Recipe::from_json(&read(path, recipe::MAX_BYTES)?)
-        .map_err(|why| Stop::BadInput(format!("{}: {why}", path.display())))
 }
 
 /// `A:B:N` as N wavelengths from A to B.
@@ -137,7 +112,8 @@ fn samples(text: &str) -> Result<Vec<f64>, Stop> {
 }
 
 fn spectrum(path: &Path, angles_deg: &[f64], wavelengths: &str, pol: Pol, as_json: bool) -> Outcome {
-    let recipe = read_recipe(path)?;
+    let recipe = Recipe::from_json(&read(path, recipe::MAX_BYTES)?)
+        .map_err(|why| Stop::BadInput(format!("{}: {why}", path.display())))?;
     let wavelengths_nm = samples(wavelengths)?;
     if let Some(angle) = angles_deg.iter().find(|angle| !(0.0..=90.0).contains(*angle)) {
         return Err(Stop::BadInput(format!(

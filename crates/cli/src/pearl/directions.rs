@@ -73,7 +73,8 @@ fn parse(line: &[u8]) -> Result<(Direction, Direction), String> {
 fn unit(name: &str, v: Triple) -> Result<Direction, String> {
     // Scaled first, so that no square under- or overflows.
     let size = v.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
-    if !(size.is_finite() && size > 0.0) {
+    // (`max` passes over NaN.)
+    if size == 0.0 || v.iter().any(|x| !x.is_finite()) {
         return Err(format!("{name} is {v:?}, expected three finite numbers that are not all 0"));
     }
     let scaled = v.map(|x| x / size);

@@ -48,11 +48,12 @@ pub(crate) fn run(args: &PreviewArgs, manners: &Manners) -> Outcome {
 
 /// Every pixel is a function of its coordinates and the seed: the same on any number of threads.
 fn render(bsdf: &PearlBsdf, shape: Shape, lighting: Lighting, args: &PreviewArgs) -> Vec<Pixel> {
-    let studio = Studio::new();
-    // A distant light needs no sampling: samples only smooth the edges.
+    let studio = Studio::new(shape);
+    // Few rays from the camera smooth the edges; a distant light then needs hardly any samples.
+    let rays = args.samples.min(8);
     let samples = match lighting {
-        Lighting::Distant => args.samples.min(16),
-        Lighting::Sky => args.samples,
+        Lighting::Distant => 2,
+        Lighting::Sky => args.samples.div_ceil(rays),
     };
     let size = args.size;
     (0..size * size)
@@ -61,22 +62,26 @@ fn render(bsdf: &PearlBsdf, shape: Shape, lighting: Lighting, args: &PreviewArgs
         .map(|index| {
             let (x, y) = (index % size, index / size);
             let mut sum = Pixel::default();
-            for n in 0..samples {
+            for n in 0..rays {
                 let random = light::Sequence::new(args.seed, index, n);
                 let at = |pixel: u32, jitter: f64| 2.0 * (f64::from(pixel) + jitter) / f64::from(size) - 1.0;
                 let ray = shape.camera().ray(at(x, random.at(0)), -at(y, random.at(1)));
-                let radiance = match shape.hit(ray) {
-                    Surface::Pearl(hit) => light::reflected(bsdf, &studio, lighting, shape, &hit, &random),
-                    Surface::Ground(point) => {
-                        let radiance = scene::ground(&studio, lighting, ray, point, &random);
-                        [radiance; VIEWS.len()]
+                let surface = shape.hit(ray);
+                for k in 0..samples {
+                    let random = light::Sequence::new(args.seed, index, n * samples + k);
+                    let radiance = match &surface {
+                        Surface::Pearl(hit) => light::reflected(bsdf, &studio, lighting, shape, hit, &random),
+                        Surface::Ground(point) => {
+                            let radiance = scene::ground(&studio, lighting, ray, *point, &random);
+                            [radiance; VIEWS.len()]
+                        }
+                    };
+                    for (sum, radiance) in sum.iter_mut().zip(radiance) {
+                        *sum = vector::add(*sum, image::without_fireflies(radiance));
                     }
-                };
-                for (sum, radiance) in sum.iter_mut().zip(radiance) {
-                    *sum = vector::add(*sum, image::without_fireflies(radiance));
                 }
             }
-            sum.map(|rgb| rgb.map(|c| c / f64::from(samples)))
+            sum.map(|rgb| rgb.map(|c| c / f64::from(rays * samples)))
         })
         .collect()
 }

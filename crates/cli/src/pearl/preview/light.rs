@@ -115,7 +115,7 @@ pub(super) struct Studio {
 }
 
 impl Studio {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(shape: Shape) -> Self {
         Self {
             windows: [
                 // Key: a large window at the upper left, a little warm.
@@ -125,7 +125,11 @@ impl Studio {
                 // Rim: low behind, for the silhouette.
                 Window::new([0.35, 1.0, 0.5], [0.7, 0.2], [2.4, 2.4, 2.5]),
             ],
-            distant: normalize([-0.55, -0.8, 0.9]),
+            distant: normalize(match shape {
+                Shape::Sphere => [-0.55, -0.8, 0.9],
+                // From behind, so that the folds mirror it towards the camera.
+                Shape::Swatch => [-0.45, 0.5, 0.95],
+            }),
         }
     }
 
@@ -133,9 +137,9 @@ impl Studio {
     fn sky(&self, direction: Vector) -> Vector {
         let up = direction[2];
         let gradient = if up >= 0.0 {
-            mix([0.34, 0.345, 0.36], [0.62, 0.635, 0.66], smooth(0.0, 1.0, up))
+            mix([0.2, 0.205, 0.215], [0.4, 0.41, 0.43], smooth(0.0, 1.0, up))
         } else {
-            mix([0.34, 0.345, 0.36], [0.055, 0.056, 0.06], smooth(0.0, 0.35, -up))
+            mix([0.2, 0.205, 0.215], [0.04, 0.041, 0.044], smooth(0.0, 0.35, -up))
         };
         self.windows.iter().fold(gradient, |sum, window| add(sum, window.radiance(direction)))
     }
@@ -157,7 +161,7 @@ impl Studio {
                 [sun + PI * DISTANT_FILL * ambient; 3]
             }
             Lighting::Sky => {
-                let sky = scale([0.5, 0.51, 0.53], PI * ambient);
+                let sky = scale([0.33, 0.335, 0.35], PI * ambient);
                 self.windows.iter().fold(sky, |sum, window| {
                     let direction = window.sample(random.at(2), random.at(3));
                     let received = open(direction) * direction[2].max(0.0) / window.pdf(direction).max(1e-9);
@@ -195,9 +199,9 @@ pub(super) fn reflected(
         Lighting::Sky => {
             let mut pixel = Pixel::default();
             let incoming = |direction: Vector| {
-                if shape == Shape::Swatch && shape.shades(hit.point, direction) {
+                if shape == Shape::Swatch && direction[2] < 0.12 {
                     // Another fold: about as bright as a fold under this sky.
-                    return [0.3; 3];
+                    return [0.16; 3];
                 }
                 studio.sky(direction)
             };
