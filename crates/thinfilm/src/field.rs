@@ -4,7 +4,8 @@ use num_complex::Complex64;
 
 use crate::scaled::{exp_parts, times_power_of_two};
 use crate::wave::{
-    Admittance, InPlaneWave, Incidence, Layer, LayerMatrix, Multilayer, Polarisation, WaveError, cos_and_sinc,
+    Admittance, InPlaneWave, Incidence, Layer, LayerMatrix, Multilayer, Phase, Polarisation, WaveError,
+    cos_and_sinc, half_turns_per_metre,
 };
 
 /// Layers that [`Multilayer::field`] lists at most: some 200 bytes each.
@@ -169,7 +170,9 @@ impl LayerField {
         let i = Complex64::i();
         let (b, c) = if self.is_thin(k0) {
             let x = k0 * height;
-            let (cos, sinc) = cos_and_sinc(self.kz * x);
+            let phase =
+                Phase { half_turns: half_turns_per_metre(k0, self.kz.re) * height, decay: self.kz.im * x };
+            let (cos, sinc) = cos_and_sinc(phase);
             let growth = (self.kz.im * x).exp();
             let (cos, sinc) = (cos * growth, sinc * (x * growth));
             (

@@ -4,8 +4,14 @@
 //! hard case.
 #![doc = include_str!("conventions.md")]
 
+pub mod colour;
+pub mod dense;
+pub mod ensemble;
 pub mod field;
+pub mod illuminant;
+pub mod intensity;
 pub mod material;
+pub mod modulation;
 pub mod reference_case;
 mod scaled;
 mod scattering;

@@ -248,16 +248,19 @@ pub(crate) struct LayerMatrix {
     pub(crate) q_sin: Complex64,
     pub(crate) exponent: i64,
     /// δ = k₀ kz d.
-    pub(crate) delta: Complex64,
+    pub(crate) delta: Phase,
 }
 
 impl LayerMatrix {
     pub(crate) fn new(wave: &InPlaneWave, layer: Layer, wavelength: f64, polarisation: Polarisation) -> Self {
-        let k0_d = std::f64::consts::TAU / wavelength * layer.thickness;
+        let k0 = std::f64::consts::TAU / wavelength;
+        let k0_d = k0 * layer.thickness;
         let kz2 = wave.kz2(layer.index);
-        let delta = sqrt_upper(kz2) * k0_d;
+        let kz = sqrt_upper(kz2);
+        let delta =
+            Phase { half_turns: half_turns_per_metre(k0, kz.re) * layer.thickness, decay: kz.im * k0_d };
         let (cos, sinc) = cos_and_sinc(delta);
-        let (growth, exponent) = exp_parts(delta.im);
+        let (growth, exponent) = exp_parts(delta.decay);
         let (cos, sinc) = (cos * growth, sinc * (growth * k0_d));
         let eps = layer.index * layer.index;
         let (sin_over_q, q_sin) = match polarisation {
@@ -268,14 +271,41 @@ impl LayerMatrix {
     }
 }
 
+/// δ = π·half_turns + i·decay. Counted in half turns, the range reduction is exact, and the same here and in
+/// [`crate::dense`]: a rounding that N equal layers share would show N times otherwise.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Phase {
+    pub(crate) half_turns: f64,
+    pub(crate) decay: f64,
+}
+
+/// k₀ Re kz/π, rounded the same way everywhere.
+pub(crate) fn half_turns_per_metre(k0: f64, kz_re: f64) -> f64 {
+    k0 * kz_re * std::f64::consts::FRAC_1_PI
+}
+
+impl Phase {
+    pub(crate) fn value(self) -> Complex64 {
+        Complex64::new(self.half_turns * std::f64::consts::PI, self.decay)
+    }
+
+    /// (sin, cos) of the real part.
+    pub(crate) fn sin_cos(self) -> (f64, f64) {
+        let whole = self.half_turns.round_ties_even();
+        let (sin, cos) = ((self.half_turns - whole) * std::f64::consts::PI).sin_cos();
+        if whole % 2.0 == 0.0 { (sin, cos) } else { (-sin, -cos) }
+    }
+}
+
 /// (e^-b cos δ, e^-b sin δ/δ), b = Im δ ≥ 0.
-pub(crate) fn cos_and_sinc(delta: Complex64) -> (Complex64, Complex64) {
+pub(crate) fn cos_and_sinc(phase: Phase) -> (Complex64, Complex64) {
+    let delta = phase.value();
     let (a, b) = (delta.re, delta.im);
-    let (sin, cos) = a.sin_cos();
+    let (sin, cos) = phase.sin_cos();
     let less = -(-2.0 * b).exp_m1() / 2.0; // (1 − e^-2b)/2
     let more = 1.0 - less; //                  (1 + e^-2b)/2
     let cosine = Complex64::new(cos * more, -sin * less);
-    // Below 1e-2 three terms leave 1e-19; sin δ loses no digits above.
+    // Below 1e-2 four terms leave 1e-19; sin δ loses no digits above.
     let sinc = if a.abs().max(b.abs()) < 1e-2 {
         let z = delta * delta;
         (1.0 - z / 6.0 * (1.0 - z / 20.0 * (1.0 - z / 42.0 * (1.0 - z / 72.0)))) * (-b).exp()
@@ -307,8 +337,9 @@ impl Admittance {
             return self;
         }
         if self.pristine == Some(layer.index) {
-            let (growth, exponent) = exp_parts(matrix.delta.im);
-            let phase = Complex64::from_polar(growth, -matrix.delta.re);
+            let (growth, exponent) = exp_parts(matrix.delta.decay);
+            let (sin, cos) = matrix.delta.sin_cos();
+            let phase = Complex64::new(growth * cos, -growth * sin);
             return Self { b: self.b * phase, c: self.c * phase, exponent: self.exponent + exponent, ..self };
         }
         let i = Complex64::i();

@@ -1,6 +1,6 @@
 //! The 83 hard cases with 40-digit references, where the file lies beside the checkout.
 
-#![allow(clippy::print_stderr)] // a skipped check says why
+#![allow(clippy::print_stderr)] // a skipped test says so
 
 use std::path::Path;
 

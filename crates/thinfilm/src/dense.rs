@@ -1,0 +1,575 @@
+//! Many wavelengths × angles × both polarisations of one stack at once.
+//!
+//! Sixteen wavelengths go through the layers together in vector registers, tiles of them over all threads. A stack that
+//! neither absorbs nor traps light (all kz real) is a product of real rotations: no division, no complex arithmetic.
+//! All others go as complex amplitudes with decaying exponentials only. Each lane carries an estimate of its own
+//! rounding error; where it exceeds [`CLAIM`] (a resonance of high quality, a layer near its critical angle, grazing
+//! incidence) that lane alone is done again by [`Multilayer::solve`](crate::wave::Multilayer::solve), the robust form. So
+//! results agree with the robust form to 1e-12 everywhere.
+
+mod kernel;
+mod lanes;
+
+use num_complex::Complex64;
+use rayon::prelude::*;
+
+use crate::stack::{Gain, Indices, Stack, StackError};
+use crate::wave::{InPlaneWave, Incidence, Polarisation, WaveError, half_turns_per_metre, sqrt_upper};
+use kernel::{ComplexMedium, ComplexTile, DenseLayer, Interface, LosslessMedium, LosslessTile, TileResult};
+use lanes::{LANES, Lanes};
+
+/// Largest estimated error that a fast lane may have: a tenth of the agreement promised.
+pub const CLAIM: f64 = 1e-13;
+
+/// R and T of a stack on a grid of angles × wavelengths.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Spectra {
+    wavelengths: usize,
+    /// [s, p], each [angle][wavelength].
+    reflectance: [Vec<f64>; 2],
+    transmittance: [Vec<f64>; 2],
+    emission: Option<[Vec<f64>; 2]>,
+    robust_lanes: usize,
+}
+
+impl Spectra {
+    /// R of one polarisation at one angle, over the wavelengths.
+    #[must_use]
+    pub fn reflectance(&self, angle: usize, polarisation: Polarisation) -> &[f64] {
+        self.row(&self.reflectance[polarisation as usize], angle)
+    }
+
+    /// T of one polarisation at one angle, over the wavelengths.
+    #[must_use]
+    pub fn transmittance(&self, angle: usize, polarisation: Polarisation) -> &[f64] {
+        self.row(&self.transmittance[polarisation as usize], angle)
+    }
+
+    /// Mean of R over s and p.
+    #[must_use]
+    pub fn unpolarised_reflectance(&self, angle: usize) -> Vec<f64> {
+        self.mean(&self.reflectance, angle)
+    }
+
+    /// Mean of T over s and p.
+    #[must_use]
+    pub fn unpolarised_transmittance(&self, angle: usize) -> Vec<f64> {
+        self.mean(&self.transmittance, angle)
+    }
+
+    /// Σ source·∫|E|² dz over the layers, mean of s and p, where sources were given.
+    #[must_use]
+    pub fn unpolarised_emission(&self, angle: usize) -> Option<Vec<f64>> {
+        self.emission.as_ref().map(|emission| self.mean(emission, angle))
+    }
+
+    /// How many (angle, wavelength) pairs were done by the robust form.
+    #[must_use]
+    pub const fn robust_lanes(&self) -> usize {
+        self.robust_lanes
+    }
+
+    fn row<'a>(&self, values: &'a [f64], angle: usize) -> &'a [f64] {
+        &values[angle * self.wavelengths..(angle + 1) * self.wavelengths]
+    }
+
+    fn mean(&self, values: &[Vec<f64>; 2], angle: usize) -> Vec<f64> {
+        let rows = self.row(&values[0], angle).iter().zip(self.row(&values[1], angle));
+        rows.map(|(s, p)| 0.5 * (s + p)).collect()
+    }
+}
+
+/// R and T of a stack at every angle (radians) and wavelength (metres).
+///
+/// # Errors
+/// As [`Stack::check`], [`Stack::indices`] and [`crate::wave::Multilayer::solve`].
+///
+/// ```
+/// use thinfilm::{Material, Polarisation, Stack, dense};
+/// let pearl = Stack::alternating(
+///     Material::constant(1.0),
+///     (Material::constant(1.53), 450e-9, 0.0),
+///     (Material::constant(1.43), 25e-9, 0.0),
+///     500,
+///     Material::constant(1.53),
+/// );
+/// let wavelengths: Vec<f64> = (380..=780).map(|nm| f64::from(nm) * 1e-9).collect();
+/// let spectra = dense::spectra(&pearl, &wavelengths, &[0.0, 0.5])?;
+/// let r = spectra.reflectance(1, Polarisation::S);
+/// let t = spectra.transmittance(1, Polarisation::S);
+/// assert!(r.iter().zip(t).all(|(r, t)| (r + t - 1.0).abs() < 1e-13));
+/// # Ok::<(), thinfilm::StackError>(())
+/// ```
+pub fn spectra(stack: &Stack, wavelengths: &[f64], angles: &[f64]) -> Result<Spectra, StackError> {
+    Solver::new(stack, wavelengths, None)?.spectra(angles)
+}
+
+/// As [`spectra`], with Σ source·∫|E|² dz in the same pass: `sources` is the strength in each layer from the ambient
+/// side down.
+///
+/// # Errors
+/// As [`spectra`]; a number of sources other than the number of layers.
+pub fn spectra_with_sources(
+    stack: &Stack,
+    wavelengths: &[f64],
+    angles: &[f64],
+    sources: &[f64],
+) -> Result<Spectra, StackError> {
+    Solver::new(stack, wavelengths, Some(sources))?.spectra(angles)
+}
+
+struct Solver<'a> {
+    stack: &'a Stack,
+    wavelengths: &'a [f64],
+    /// Indices at each wavelength.
+    indices: Vec<Indices>,
+    /// From the substrate up.
+    layers: Vec<DenseLayer>,
+    interface_pairs: Vec<(usize, usize)>,
+    interface_of: Vec<usize>,
+    reference: usize,
+    sources: Option<&'a [f64]>,
+    /// Whether no index depends on the wavelength.
+    steady: bool,
+}
+
+/// Media are numbered: materials first, then the ambient, then the substrate.
+const fn ambient_number(materials: usize) -> usize {
+    materials
+}
+
+const fn substrate_number(materials: usize) -> usize {
+    materials + 1
+}
+
+/// Longer or more periodic stacks go to the robust form, whose cost grows with the logarithm of the repeats.
+const MOST_FAST_LAYERS: u128 = 16_384;
+
+impl<'a> Solver<'a> {
+    fn new(stack: &'a Stack, wavelengths: &'a [f64], sources: Option<&'a [f64]>) -> Result<Self, StackError> {
+        stack.check()?;
+        let indices = wavelengths.iter().map(|&w| stack.indices(w)).collect::<Result<Vec<_>, _>>()?;
+        if let (Some(sources), count) = (sources, stack.layer_count())
+            && sources.len() as u128 != count
+        {
+            let why = format!("{} source strengths are given for {count} layers", sources.len());
+            return Err(WaveError::Unsuitable(why).into());
+        }
+        let fast = stack.layer_count() <= MOST_FAST_LAYERS;
+        let mut layers: Vec<DenseLayer> = Vec::new();
+        if fast {
+            let source = |at: usize| sources.map_or(0.0, |s| s[at]);
+            layers.extend(stack.layers().enumerate().map(|(at, layer)| DenseLayer {
+                medium: layer.material,
+                thickness: layer.thickness,
+                source: source(at),
+            }));
+            layers.reverse();
+            // A layer of no thickness is no layer.
+            layers.retain(|layer| layer.thickness > 0.0);
+        }
+        let materials = stack.materials.len();
+        let mut interface_pairs = Vec::new();
+        let mut below = substrate_number(materials);
+        let media = layers.iter().map(|layer| layer.medium).chain([ambient_number(materials)]);
+        let interface_of = media
+            .map(|medium| {
+                let pair = (medium, below);
+                below = medium;
+                interface_pairs.iter().position(|p| *p == pair).unwrap_or_else(|| {
+                    interface_pairs.push(pair);
+                    interface_pairs.len() - 1
+                })
+            })
+            .collect();
+        let steady = indices.windows(2).all(|pair| pair[0] == pair[1]);
+        let count_of = |medium: usize| layers.iter().filter(|layer| layer.medium == medium).count();
+        let reference = (0..materials).max_by_key(|&m| count_of(m)).unwrap_or(0);
+        Ok(Self {
+            stack,
+            wavelengths,
+            indices,
+            layers,
+            interface_pairs,
+            interface_of,
+            reference,
+            sources,
+            steady,
+        })
+    }
+
+    /// Whether the fast loops take the stack at all.
+    fn is_fast(&self) -> bool {
+        self.stack.layer_count() <= MOST_FAST_LAYERS && self.stack.gain == Gain::Refused
+    }
+
+    fn spectra(&self, angles: &[f64]) -> Result<Spectra, StackError> {
+        // (angle, wavelength) pairs in one row, so that no tile but the last has idle lanes.
+        let size = angles.len() * self.wavelengths.len();
+        let tiles: Vec<Tile> = (0..size.div_ceil(LANES))
+            .into_par_iter()
+            .map(|tile| self.tile(angles, tile * LANES, ((tile + 1) * LANES).min(size)))
+            .collect::<Result<_, _>>()?;
+        let gather = |of: fn(&TileResult) -> &[Lanes; 2]| {
+            [0, 1].map(|pol| {
+                let lanes = tiles.iter().flat_map(|tile| of(&tile.result)[pol].0);
+                lanes.take(size).collect::<Vec<f64>>()
+            })
+        };
+        Ok(Spectra {
+            wavelengths: self.wavelengths.len(),
+            reflectance: gather(|result| &result.reflectance),
+            transmittance: gather(|result| &result.transmittance),
+            emission: self.sources.map(|_| gather(|result| &result.emission)),
+            robust_lanes: tiles.iter().map(|tile| tile.robust).sum(),
+        })
+    }
+
+    /// The pairs from `first` to `last`.
+    fn tile(&self, angles: &[f64], first: usize, last: usize) -> Result<Tile, StackError> {
+        let lanes = TileLanes::new(self, angles, first, last)?;
+        let (mut result, emission_known) = match lanes.lossless() {
+            Some(result) => (result, true),
+            None => (lanes.complex(), false),
+        };
+        let mut robust = 0;
+        for lane in 0..last - first {
+            let claimed = lanes.is_suitable(lane) && (0..2).all(|pol| result.doubt[pol].0[lane] <= CLAIM);
+            if claimed && (emission_known || self.sources.is_none()) {
+                continue;
+            }
+            robust += 1;
+            let pair = first + lane;
+            self.robust(
+                angles[pair / self.wavelengths.len()],
+                pair % self.wavelengths.len(),
+                lane,
+                &mut result,
+            )?;
+        }
+        Ok(Tile { result, robust })
+    }
+
+    fn robust(
+        &self,
+        theta: f64,
+        wavelength: usize,
+        lane: usize,
+        result: &mut TileResult,
+    ) -> Result<(), StackError> {
+        let lambda = self.wavelengths[wavelength];
+        let multilayer = self.stack.at(lambda)?;
+        let incidence = Incidence::Angle(theta);
+        for (pol, polarisation) in Polarisation::BOTH.into_iter().enumerate() {
+            let response = multilayer.solve_with_gain(lambda, incidence, polarisation)?;
+            result.reflectance[pol].0[lane] = response.reflectance;
+            result.transmittance[pol].0[lane] = response.transmittance;
+            if let Some(sources) = self.sources {
+                let integrals = multilayer.field(lambda, incidence, polarisation)?.integrals();
+                result.emission[pol].0[lane] = sources.iter().zip(integrals).map(|(s, e2)| s * e2).sum();
+            }
+        }
+        Ok(())
+    }
+}
+
+struct Tile {
+    result: TileResult,
+    robust: usize,
+}
+
+/// One (angle, wavelength) pair in every medium.
+struct LaneWave {
+    /// kz/k₀ of every medium.
+    kz: Vec<Complex64>,
+    /// N² of every medium.
+    eps: Vec<Complex64>,
+    /// kₓ/k₀.
+    kx: Complex64,
+}
+
+impl LaneWave {
+    fn new(indices: &Indices, theta: f64) -> Result<Self, StackError> {
+        let wave = InPlaneWave::new(indices.ambient, Incidence::Angle(theta))?;
+        let media = || indices.materials.iter().chain([&indices.ambient, &indices.substrate]);
+        Ok(Self {
+            kz: media().map(|&index| sqrt_upper(wave.kz2(index))).collect(),
+            eps: media().map(|index| index * index).collect(),
+            kx: wave.kx(),
+        })
+    }
+
+    fn admittance(&self, medium: usize, polarisation: Polarisation) -> Complex64 {
+        match polarisation {
+            Polarisation::S => self.kz[medium],
+            Polarisation::P => self.kz[medium] / self.eps[medium],
+        }
+    }
+
+    /// Not at grazing incidence, where q of the ambient vanishes.
+    fn is_steep(&self) -> bool {
+        self.kz[self.kz.len() - 2].norm_sqr() > 1e-4 * self.eps[self.eps.len() - 2].norm()
+    }
+
+    /// Amplitudes are no basis where kz nearly vanishes: there the two waves are one.
+    fn is_critical(&self, materials: usize) -> bool {
+        let media = self.kz.iter().zip(&self.eps).take(materials);
+        media.fold(false, |any, (kz, eps)| any | (kz.norm_sqr() < 1e-2 * eps.norm()))
+    }
+}
+
+/// The pairs of one tile.
+struct TileLanes<'a> {
+    solver: &'a Solver<'a>,
+    /// Without dispersion, neighbours in wavelength share everything but k₀.
+    distinct: Vec<LaneWave>,
+    /// Which of them a lane has; lanes past the last pair repeat it.
+    of_lane: [usize; LANES],
+    suitable: [bool; LANES],
+    /// 2π/λ.
+    k0: Lanes,
+}
+
+impl<'a> TileLanes<'a> {
+    fn new(solver: &'a Solver<'a>, angles: &[f64], first: usize, last: usize) -> Result<Self, StackError> {
+        let count = solver.wavelengths.len();
+        let mut distinct: Vec<LaneWave> = Vec::with_capacity(2);
+        let (mut of_lane, mut suitable, mut k0) = ([0; LANES], [false; LANES], Lanes::splat(0.0));
+        for lane in 0..LANES {
+            let pair = (first + lane).min(last - 1);
+            let (theta, wavelength) = (angles[pair / count], pair % count);
+            let indices = &solver.indices[wavelength];
+            let same = pair > first
+                && wavelength > 0
+                && (solver.steady || solver.indices[wavelength - 1] == *indices);
+            if distinct.is_empty() || !same {
+                distinct.push(LaneWave::new(indices, theta)?);
+            }
+            of_lane[lane] = distinct.len() - 1;
+            suitable[lane] =
+                solver.is_fast() && indices.ambient.im == 0.0 && distinct[of_lane[lane]].is_steep();
+            k0.0[lane] = std::f64::consts::TAU / solver.wavelengths[wavelength];
+        }
+        Ok(Self { solver, distinct, of_lane, suitable, k0 })
+    }
+
+    fn is_suitable(&self, lane: usize) -> bool {
+        self.suitable[lane]
+    }
+
+    /// A value a lane.
+    fn gather(&self, f: impl Fn(&LaneWave) -> f64) -> Lanes {
+        if let [only] = self.distinct.as_slice() {
+            return Lanes::splat(f(only));
+        }
+        let mut lanes = Lanes::splat(0.0);
+        let mut before = (usize::MAX, 0.0);
+        for (lane, &at) in lanes.0.iter_mut().zip(&self.of_lane) {
+            if before.0 != at {
+                before = (at, f(&self.distinct[at]));
+            }
+            *lane = before.1;
+        }
+        lanes
+    }
+
+    fn real(&self, medium: usize, polarisation: Polarisation) -> Lanes {
+        self.gather(|wave| wave.admittance(medium, polarisation).re)
+    }
+
+    fn lossless(&self) -> Option<TileResult> {
+        let materials = self.solver.stack.materials.len();
+        let propagates = |kz: &Complex64| kz.im == 0.0 && kz.re > 0.0;
+        let all = self.distinct.iter().all(|wave| wave.kz[..materials].iter().all(propagates));
+        if !(self.solver.is_fast() && all && self.suitable.iter().any(|s| *s)) {
+            return None;
+        }
+        let reference = self.solver.reference;
+        let q_reference = Polarisation::BOTH.map(|pol| self.real(reference, pol));
+        let media: Vec<LosslessMedium> =
+            (0..materials).map(|m| self.lossless_medium(m, &q_reference)).collect();
+        let (ambient, substrate) = (ambient_number(materials), substrate_number(materials));
+        let q_substrate = Polarisation::BOTH
+            .map(|pol| [self.real(substrate, pol), self.gather(|wave| wave.admittance(substrate, pol).im)]);
+        let tile = LosslessTile {
+            media: &media,
+            reference,
+            layers: &self.solver.layers,
+            q_reference,
+            q_ambient: Polarisation::BOTH.map(|pol| self.real(ambient, pol)),
+            q_substrate,
+        };
+        let mut result = dispatch::lossless(&tile, self.solver.sources.is_some());
+        // |E| = 1 means |H| = |N₀| for p.
+        result.emission[1] = result.emission[1] * self.gather(|wave| wave.eps[ambient].norm());
+        Some(result)
+    }
+
+    fn lossless_medium(&self, medium: usize, q_reference: &[Lanes; 2]) -> LosslessMedium {
+        let ratio = |a: Lanes, b: Lanes| a.zip(b, |a, b| a / b);
+        let admittances = Polarisation::BOTH.map(|pol| self.real(medium, pol));
+        let up = [0, 1].map(|pol| ratio(q_reference[pol], admittances[pol]));
+        let kz = admittances[0];
+        let n2 = self.gather(|wave| wave.eps[medium].re);
+        let face = (kz * self.k0).map(|rate| 0.5 / rate);
+        let bias = ratio(kz * kz - self.gather(|wave| wave.kx.norm_sqr()), n2 * n2);
+        LosslessMedium {
+            half_turns: self.k0.zip(kz, half_turns_per_metre),
+            up,
+            minus_down: [0, 1].map(|pol| ratio(admittances[pol], q_reference[pol]).scale(-1.0)),
+            mean: [Lanes::splat(0.5), n2.map(|n2| 0.5 / n2)],
+            face: [(face * up[0]).scale(-1.0), face * up[1] * bias],
+        }
+    }
+
+    fn complex(&self) -> TileResult {
+        let nothing = [Lanes::splat(0.0); 2];
+        let doubt = [Lanes::splat(f64::NAN); 2];
+        if !(self.solver.is_fast() && self.suitable.iter().any(|s| *s)) {
+            return TileResult { reflectance: nothing, transmittance: nothing, doubt, emission: nothing };
+        }
+        let materials = self.solver.stack.materials.len();
+        let media: Vec<ComplexMedium> = (0..materials)
+            .map(|medium| ComplexMedium {
+                turns: self.k0.zip(self.gather(|wave| wave.kz[medium].re), half_turns_per_metre),
+                decay: (self.k0 * self.gather(|wave| wave.kz[medium].im))
+                    .scale(2.0 * std::f64::consts::LOG2_E),
+            })
+            .collect();
+        let interfaces: Vec<Interface> =
+            self.solver.interface_pairs.iter().map(|&(upper, lower)| self.interface(upper, lower)).collect();
+        let (ambient, substrate) = (ambient_number(materials), substrate_number(materials));
+        let flux =
+            |pol| self.gather(|wave| wave.admittance(substrate, pol).re / wave.admittance(ambient, pol).re);
+        let inverse_contrast = |pol| {
+            self.gather(|wave| {
+                let largest = (0..materials).map(|m| wave.admittance(m, pol).norm()).fold(0.0, f64::max);
+                wave.admittance(ambient, pol).norm() / largest
+            })
+        };
+        let mut result = dispatch::complex(&ComplexTile {
+            inverse_contrast: Polarisation::BOTH.map(inverse_contrast),
+            media: &media,
+            layers: &self.solver.layers,
+            interface_of: &self.solver.interface_of,
+            interfaces: &interfaces,
+            flux: Polarisation::BOTH.map(flux),
+        });
+        let critical = |at: usize| self.distinct[at].is_critical(materials);
+        for lane in (0..LANES).filter(|&lane| critical(self.of_lane[lane])) {
+            for doubt in &mut result.doubt {
+                doubt.0[lane] = f64::NAN;
+            }
+        }
+        result
+    }
+
+    fn interface(&self, upper: usize, lower: usize) -> Interface {
+        let of = |pol: Polarisation| {
+            let pair = |wave: &LaneWave| (wave.admittance(upper, pol), wave.admittance(lower, pol));
+            let rho = |wave: &LaneWave| {
+                let (a, b) = pair(wave);
+                (a - b) / (a + b)
+            };
+            let inverse_tau = |wave: &LaneWave| {
+                let (a, b) = pair(wave);
+                ((a + b) / (2.0 * a)).norm()
+            };
+            ([self.gather(|wave| rho(wave).re), self.gather(|wave| rho(wave).im)], self.gather(inverse_tau))
+        };
+        let [(rho_s, tau_s), (rho_p, tau_p)] = Polarisation::BOTH.map(of);
+        Interface { rho: [rho_s, rho_p], inverse_tau: [tau_s, tau_p] }
+    }
+}
+
+/// The inner loops compiled for the instruction sets that matter. The arithmetic is the same, fused operations
+/// included, so the bits are too.
+mod dispatch {
+    use super::kernel::{self, ComplexTile, LosslessTile, TileResult};
+
+    macro_rules! compiled_for {
+        ($name:ident, $tile:ty, $body:expr, $features:literal) => {
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = $features)]
+            fn $name(tile: &$tile) -> TileResult {
+                $body(tile)
+            }
+        };
+    }
+
+    compiled_for!(
+        lossless_avx512,
+        LosslessTile,
+        kernel::lossless::<false>,
+        "avx512f,avx512dq,avx512vl,fma,bmi2"
+    );
+    compiled_for!(lossless_avx2, LosslessTile, kernel::lossless::<false>, "avx2,fma,bmi2");
+    compiled_for!(
+        emitting_avx512,
+        LosslessTile,
+        kernel::lossless::<true>,
+        "avx512f,avx512dq,avx512vl,fma,bmi2"
+    );
+    compiled_for!(emitting_avx2, LosslessTile, kernel::lossless::<true>, "avx2,fma,bmi2");
+    compiled_for!(complex_avx512, ComplexTile, kernel::complex, "avx512f,avx512dq,avx512vl,fma,bmi2");
+    compiled_for!(complex_avx2, ComplexTile, kernel::complex, "avx2,fma,bmi2");
+
+    #[derive(Clone, Copy, PartialEq)]
+    enum Level {
+        #[cfg(target_arch = "x86_64")]
+        Avx512,
+        #[cfg(target_arch = "x86_64")]
+        Avx2,
+        Baseline,
+    }
+
+    fn level() -> Level {
+        #[cfg(target_arch = "x86_64")]
+        {
+            let common = is_x86_feature_detected!("fma") && is_x86_feature_detected!("bmi2");
+            let wide = is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512dq")
+                && is_x86_feature_detected!("avx512vl");
+            if common && wide {
+                return Level::Avx512;
+            }
+            if common && is_x86_feature_detected!("avx2") {
+                return Level::Avx2;
+            }
+        }
+        Level::Baseline
+    }
+
+    #[allow(unsafe_code)] // see the bench `dense`: 10 × and more over the baseline build
+    pub(super) fn lossless(tile: &LosslessTile, emission: bool) -> TileResult {
+        match (level(), emission) {
+            // SAFETY: `level` has just found the features that the function is compiled for.
+            #[cfg(target_arch = "x86_64")]
+            (Level::Avx512, false) => unsafe { lossless_avx512(tile) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            (Level::Avx512, true) => unsafe { emitting_avx512(tile) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            (Level::Avx2, false) => unsafe { lossless_avx2(tile) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            (Level::Avx2, true) => unsafe { emitting_avx2(tile) },
+            (Level::Baseline, false) => kernel::lossless::<false>(tile),
+            (Level::Baseline, true) => kernel::lossless::<true>(tile),
+        }
+    }
+
+    #[allow(unsafe_code)] // as above
+    pub(super) fn complex(tile: &ComplexTile) -> TileResult {
+        match level() {
+            // SAFETY: `level` has just found the features that the function is compiled for.
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => unsafe { complex_avx512(tile) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => unsafe { complex_avx2(tile) },
+            Level::Baseline => kernel::complex(tile),
+        }
+    }
+}

@@ -1,0 +1,400 @@
+//! The two inner loops: layers without loss as real rotations, all others as complex amplitudes.
+
+use super::lanes::{Lanes, cos_sin_half_turns, cos_sin_turns, exp2_neg};
+
+/// A layer of a stack, as the loops read it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DenseLayer {
+    /// Number of its medium.
+    pub(super) medium: usize,
+    /// Thickness, metres.
+    pub(super) thickness: f64,
+    /// Source strength in it (illuminant only).
+    pub(super) source: f64,
+}
+
+/// What the lossless loop needs of a medium; ratios to a reference admittance, [s, p].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LosslessMedium {
+    /// Half turns of phase per metre, k₀ kz/π.
+    pub(super) half_turns: Lanes,
+    /// q_ref/q.
+    pub(super) up: [Lanes; 2],
+    /// −q/q_ref.
+    pub(super) minus_down: [Lanes; 2],
+    /// Weight of a layer's stored energy in ∫|E|².
+    pub(super) mean: [Lanes; 2],
+    /// Weight of the standing wave's part at its faces.
+    pub(super) face: [Lanes; 2],
+}
+
+/// One angle and [`LANES`] wavelengths through a lossless stack.
+pub(super) struct LosslessTile<'a> {
+    pub(super) media: &'a [LosslessMedium],
+    /// The medium whose admittance is the reference: its layers need no ratios.
+    pub(super) reference: usize,
+    /// From the substrate up.
+    pub(super) layers: &'a [DenseLayer],
+    /// q_ref, [s, p].
+    pub(super) q_reference: [Lanes; 2],
+    /// q of the ambient (real), [s, p].
+    pub(super) q_ambient: [Lanes; 2],
+    /// (Re, Im) of q of the substrate, [s, p].
+    pub(super) q_substrate: [[Lanes; 2]; 2],
+}
+
+/// What comes out of a tile; [s, p].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TileResult {
+    pub(super) reflectance: [Lanes; 2],
+    pub(super) transmittance: [Lanes; 2],
+    /// Estimate of the error; NaN where nothing is known.
+    pub(super) doubt: [Lanes; 2],
+    /// Σ source·∫|E|² for unit |ψ| incident (illuminant only).
+    pub(super) emission: [Lanes; 2],
+}
+
+/// A field is scaled down from here on: a layer cannot make it grow by more than the ratio of two indices
+/// squared, so that between two looks it stays far from the end of f64.
+const RESCALE_ABOVE: f64 = 1.267_650_600_228_229_4e30; // 2^100
+
+/// What a layer adds to the error that the robust form does not share, measured: a rotation keeps its norm, complex
+/// amplitudes drift.
+const ROTATION_ROUNDING: f64 = 1.387_778_780_781_445_7e-17; // 2^-56
+const AMPLITUDE_ROUNDING: f64 = 5.551_115_123_125_783e-17; // 2^-54
+
+/// Layers between two looks at the energy. Few layers are looked at one by one: a cavity of three must not be missed.
+const fn look_every(layers: usize) -> usize {
+    let layers = layers / 24;
+    if layers < 1 {
+        1
+    } else if layers > 16 {
+        16
+    } else {
+        layers
+    }
+}
+
+/// What is remembered of the faces passed.
+#[derive(Clone, Copy)]
+struct Memory {
+    /// Power of two taken out so far.
+    exponent: Lanes,
+    /// Largest energy met, on the scale of the present one.
+    most: Lanes,
+}
+
+impl Memory {
+    /// Notes the energy at a face; where it has grown, returns the power of two by which the field is to be multiplied.
+    #[inline(always)]
+    fn look(&mut self, energy: Lanes) -> Option<Lanes> {
+        self.most = self.most.max(energy);
+        if !energy.any_above(RESCALE_ABOVE) {
+            return None;
+        }
+        let factor = energy.map(|x| f64::from_bits((2046 << 52) - (x.sqrt().to_bits() & (0x7ff << 52))));
+        self.most = self.most * factor * factor;
+        self.exponent = self.exponent - factor.map(f64::log2);
+        Some(factor)
+    }
+
+    /// r answers to a layer's phase as the power stored there to the power that comes in: a resonance magnifies the
+    /// rounding made inside it.
+    #[inline(always)]
+    fn magnified_rounding(&self, per_layer: f64, layers: usize, incident: Lanes) -> Lanes {
+        // Equal layers round alike, so their errors add up as N, not as √N.
+        let rounding = per_layer * layers as f64;
+        self.most.zip(incident, |most, incident| rounding * most / incident)
+    }
+}
+
+/// The admittance vector (B, −iC/q_ref) splits into two real solutions, each rotated by a layer's phase.
+#[derive(Clone, Copy)]
+struct Rotor {
+    b: [Lanes; 2],
+    c: [Lanes; 2],
+    emission: Lanes,
+}
+
+// By value throughout: the state must stay in registers.
+impl Rotor {
+    #[inline(always)]
+    fn layer(self, cos: Lanes, up: Lanes, minus_down: Lanes) -> Self {
+        let [b0, b1] = self.b;
+        let [c0, c1] = self.c;
+        Self {
+            b: [cos.fma(b0, up * c0), cos.fma(b1, up * c1)],
+            c: [minus_down.fma(b0, cos * c0), minus_down.fma(b1, cos * c1)],
+            ..self
+        }
+    }
+
+    /// A layer of the reference medium.
+    #[inline(always)]
+    fn reference_layer(self, cos: Lanes, sin: Lanes) -> Self {
+        let [b0, b1] = self.b;
+        let [c0, c1] = self.c;
+        Self {
+            b: [cos.fma(b0, sin * c0), cos.fma(b1, sin * c1)],
+            c: [sin.fnma(b0, cos * c0), sin.fnma(b1, cos * c1)],
+            ..self
+        }
+    }
+
+    #[inline(always)]
+    fn standing(&self) -> Lanes {
+        self.b[0].fma(self.c[0], self.b[1] * self.c[1])
+    }
+
+    /// Adds s ∫|E|² of a layer, given its standing wave at the lower face.
+    #[inline(always)]
+    fn emit(self, layer: &DenseLayer, ratio: Lanes, mean: Lanes, face: Lanes, below: Lanes) -> Self {
+        let b2 = self.b[0].fma(self.b[0], self.b[1] * self.b[1]);
+        let c2 = self.c[0].fma(self.c[0], self.c[1] * self.c[1]);
+        let energy = (ratio * ratio).fma(c2, b2).scale(layer.thickness);
+        let integral = mean.fma(energy, face * (self.standing() - below));
+        Self { emission: self.emission + integral.scale(layer.source), ..self }
+    }
+
+    #[inline(always)]
+    fn energy(&self) -> Lanes {
+        let [b, c] = [self.b, self.c].map(|z| z[0].fma(z[0], z[1] * z[1]));
+        b + c
+    }
+
+    #[inline(always)]
+    fn scaled(self, factor: Lanes) -> Self {
+        Self {
+            b: self.b.map(|b| b * factor),
+            c: self.c.map(|c| c * factor),
+            emission: self.emission * factor * factor,
+        }
+    }
+}
+
+#[inline(always)]
+pub(super) fn lossless<const EMISSION: bool>(tile: &LosslessTile) -> TileResult {
+    let start = |pol: usize| {
+        let [re, im] = tile.q_substrate[pol];
+        let inverse = tile.q_reference[pol].map(|q| 1.0 / q);
+        Rotor {
+            b: [Lanes::splat(1.0), Lanes::splat(0.0)],
+            c: [im * inverse, (re * inverse).scale(-1.0)],
+            emission: Lanes::splat(0.0),
+        }
+    };
+    let mut s = start(0);
+    let mut p = start(1);
+    let mut memories = [s, p].map(|rotor| Memory { exponent: Lanes::splat(0.0), most: rotor.energy() });
+    for block in tile.layers.chunks(look_every(tile.layers.len())) {
+        (s, p) = lossless_block::<EMISSION>(tile, block, s, p);
+        for (memory, rotor) in memories.iter_mut().zip([&mut s, &mut p]) {
+            if let Some(factor) = memory.look(rotor.energy()) {
+                *rotor = rotor.scaled(factor);
+            }
+        }
+    }
+    finish_lossless(tile, [s, p], memories)
+}
+
+#[inline(always)]
+fn lossless_block<const EMISSION: bool>(
+    tile: &LosslessTile,
+    block: &[DenseLayer],
+    mut s: Rotor,
+    mut p: Rotor,
+) -> (Rotor, Rotor) {
+    for layer in block {
+        let medium = &tile.media[layer.medium];
+        let (cos, sin) = cos_sin_half_turns(medium.half_turns.scale(layer.thickness));
+        let emits = EMISSION && layer.source != 0.0;
+        let below = if EMISSION { [s.standing(), p.standing()] } else { [cos; 2] };
+        if layer.medium == tile.reference {
+            s = s.reference_layer(cos, sin);
+            p = p.reference_layer(cos, sin);
+        } else {
+            s = s.layer(cos, sin * medium.up[0], sin * medium.minus_down[0]);
+            p = p.layer(cos, sin * medium.up[1], sin * medium.minus_down[1]);
+        }
+        if emits {
+            s = s.emit(layer, medium.up[0], medium.mean[0], medium.face[0], below[0]);
+            p = p.emit(layer, medium.up[1], medium.mean[1], medium.face[1], below[1]);
+        }
+    }
+    (s, p)
+}
+
+#[inline(always)]
+fn finish_lossless(tile: &LosslessTile, rotors: [Rotor; 2], memories: [Memory; 2]) -> TileResult {
+    let nothing = [Lanes::splat(0.0); 2];
+    let mut result =
+        TileResult { reflectance: nothing, transmittance: nothing, doubt: nothing, emission: nothing };
+    for (pol, rotor) in rotors.iter().enumerate() {
+        let (q_0, q_ref) = (tile.q_ambient[pol], tile.q_reference[pol]);
+        // q₀B and C, real and imaginary parts; the second solution carries −Re C.
+        let (b_re, b_im) = (q_0 * rotor.b[0], q_0 * rotor.b[1]);
+        let (c_re, c_im) = ((q_ref * rotor.c[1]).scale(-1.0), q_ref * rotor.c[0]);
+        let square = |re: Lanes, im: Lanes| re.fma(re, im * im);
+        let reflected = square(b_re - c_re, b_im - c_im);
+        let incident = square(b_re + c_re, b_im + c_im);
+        let scale = memories[pol].exponent.map(|e| (-2.0 * e).exp2());
+        let transmitted = (q_0 * tile.q_substrate[pol][0]).scale(4.0) * scale;
+        let whole = reflected + transmitted;
+        result.reflectance[pol] = reflected.zip(whole, |a, b| a / b);
+        result.transmittance[pol] = transmitted.zip(whole, |a, b| a / b);
+        // Rounding does not know of flux conservation: what it breaks is the measure of what it did.
+        let broken = whole.zip(incident, |a, b| (a / b - 1.0).abs());
+        // q_ref(B² + C²/q_ref²) stored against |q₀B + C|²/2q₀ coming in.
+        let incoming = incident.zip((q_0 * q_ref).scale(2.0), |d, q| d / q);
+        result.doubt[pol] =
+            broken + memories[pol].magnified_rounding(ROTATION_ROUNDING, tile.layers.len(), incoming);
+        result.emission[pol] = rotor.emission.zip(incident, |e, d| e / d) * (q_0 * q_0).scale(4.0);
+    }
+    result
+}
+
+/// What the complex loop needs of a medium.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ComplexMedium {
+    /// Turns of phase per metre there and back, 2 k₀ Re kz/2π.
+    pub(super) turns: Lanes,
+    /// Binary logarithms of decay per metre there and back, 2 k₀ Im kz/ln 2.
+    pub(super) decay: Lanes,
+}
+
+/// An interface, [s, p]: (q_upper − q_lower)/(q_upper + q_lower), and 1/|τ|, τ = 2 q_upper/(q_upper + q_lower).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Interface {
+    pub(super) rho: [[Lanes; 2]; 2],
+    pub(super) inverse_tau: [Lanes; 2],
+}
+
+/// One angle and [`LANES`] wavelengths through any stack.
+pub(super) struct ComplexTile<'a> {
+    pub(super) media: &'a [ComplexMedium],
+    /// From the substrate up.
+    pub(super) layers: &'a [DenseLayer],
+    /// For each layer the interface at its lower face; last, the ambient's.
+    pub(super) interface_of: &'a [usize],
+    pub(super) interfaces: &'a [Interface],
+    /// q_0 over the largest |q| of a layer, [s, p].
+    pub(super) inverse_contrast: [Lanes; 2],
+    /// Re q_sub/Re q_0, [s, p].
+    pub(super) flux: [Lanes; 2],
+}
+
+/// Downward and upward amplitudes at a face, without the growth that `norm` and the total decay keep.
+#[derive(Clone, Copy)]
+struct Amplitudes {
+    down: [Lanes; 2],
+    up: [Lanes; 2],
+    /// Π 1/|τ|.
+    norm: Lanes,
+}
+
+// By value throughout: the state must stay in registers.
+impl Amplitudes {
+    #[inline(always)]
+    fn interface(self, rho: &[Lanes; 2], inverse_tau: Lanes) -> Self {
+        let [re, im] = *rho;
+        let (f, g) = (self.down, self.up);
+        Self {
+            down: [re.fma(g[0], im.fnma(g[1], f[0])), re.fma(g[1], im.fma(g[0], f[1]))],
+            up: [re.fma(f[0], im.fnma(f[1], g[0])), re.fma(f[1], im.fma(f[0], g[1]))],
+            norm: self.norm * inverse_tau,
+        }
+    }
+
+    #[inline(always)]
+    fn propagate(self, re: Lanes, im: Lanes) -> Self {
+        let g = self.up;
+        Self { up: [im.fnma(g[1], re * g[0]), im.fma(g[0], re * g[1])], ..self }
+    }
+
+    /// Folds the norm into the amplitudes, so that energies at different faces can be compared.
+    #[inline(always)]
+    fn normalised(self) -> Self {
+        Self { norm: Lanes::splat(1.0), ..self.scaled(self.norm) }
+    }
+
+    #[inline(always)]
+    fn scaled(self, factor: Lanes) -> Self {
+        Self { down: self.down.map(|z| z * factor), up: self.up.map(|z| z * factor), ..self }
+    }
+
+    #[inline(always)]
+    fn energy(&self) -> Lanes {
+        let [f, g] = [self.down, self.up].map(|z| z[0].fma(z[0], z[1] * z[1]));
+        f + g
+    }
+}
+
+#[inline(always)]
+pub(super) fn complex(tile: &ComplexTile) -> TileResult {
+    let start = Amplitudes {
+        down: [Lanes::splat(1.0), Lanes::splat(0.0)],
+        up: [Lanes::splat(0.0); 2],
+        norm: Lanes::splat(1.0),
+    };
+    let mut waves = [start; 2];
+    let mut memories = [Memory { exponent: Lanes::splat(0.0), most: Lanes::splat(1.0) }; 2];
+    let mut total_decay = Lanes::splat(0.0);
+    let look_every = look_every(tile.layers.len());
+    for (block, interfaces) in tile.layers.chunks(look_every).zip(tile.interface_of.chunks(look_every)) {
+        let decay;
+        (waves[0], waves[1], decay) = complex_block(tile, block, interfaces, waves[0], waves[1]);
+        total_decay = total_decay + decay;
+        for (memory, wave) in memories.iter_mut().zip(&mut waves) {
+            *wave = wave.normalised();
+            if let Some(factor) = memory.look(wave.energy()) {
+                *wave = wave.scaled(factor);
+            }
+        }
+    }
+    finish_complex(tile, waves, memories, total_decay)
+}
+
+#[inline(always)]
+fn complex_block(
+    tile: &ComplexTile,
+    block: &[DenseLayer],
+    interfaces: &[usize],
+    mut s: Amplitudes,
+    mut p: Amplitudes,
+) -> (Amplitudes, Amplitudes, Lanes) {
+    let mut total = Lanes::splat(0.0);
+    for (layer, &at) in block.iter().zip(interfaces) {
+        let (medium, interface) = (&tile.media[layer.medium], &tile.interfaces[at]);
+        let (cos, sin) = cos_sin_turns(medium.turns.scale(layer.thickness));
+        let decay = medium.decay.scale(layer.thickness);
+        total = total + decay;
+        let shrink = exp2_neg(decay);
+        let (re, im) = (cos * shrink, sin * shrink);
+        s = s.interface(&interface.rho[0], interface.inverse_tau[0]).propagate(re, im);
+        p = p.interface(&interface.rho[1], interface.inverse_tau[1]).propagate(re, im);
+    }
+    (s, p, total)
+}
+
+#[inline(always)]
+fn finish_complex(
+    tile: &ComplexTile,
+    waves: [Amplitudes; 2],
+    memories: [Memory; 2],
+    total_decay: Lanes,
+) -> TileResult {
+    let top = &tile.interfaces[tile.interface_of[tile.layers.len()]];
+    let nothing = [Lanes::splat(0.0); 2];
+    let mut result =
+        TileResult { reflectance: nothing, transmittance: nothing, doubt: nothing, emission: nothing };
+    for (pol, (wave, memory)) in waves.into_iter().zip(memories).enumerate() {
+        let wave = wave.interface(&top.rho[pol], top.inverse_tau[pol]).normalised();
+        let [down, up] = [wave.down, wave.up].map(|z| z[0].fma(z[0], z[1] * z[1]));
+        result.reflectance[pol] = up.zip(down, |u, d| u / d);
+        let power = memory.exponent.zip(total_decay, |e, decay| (-2.0 * e - decay).exp2());
+        result.transmittance[pol] = (power * tile.flux[pol]).zip(down, |p, d| p / d);
+        let incoming = down * tile.inverse_contrast[pol];
+        result.doubt[pol] = memory.magnified_rounding(AMPLITUDE_ROUNDING, tile.layers.len(), incoming);
+    }
+    result
+}

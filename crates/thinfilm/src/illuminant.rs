@@ -1,0 +1,71 @@
+//! Light scattered inside the stack: the radiance that leaves at θo, by reciprocity
+//! I(λ, θo) = (1/cos θo) ∫ s(z)·|E(z; θo)|² dz for a unit wave that enters from θo, or T(λ, θo) for sources below the stack.
+
+use crate::dense;
+use crate::stack::{Stack, StackError};
+use crate::wave::WaveError;
+
+/// Where the light is scattered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SourceProfile {
+    /// Everywhere in the layers alike.
+    Uniform,
+    /// Falling as e^(−z/depth) from the first interface, its mean taken in each layer; depth in metres.
+    Exponential {
+        /// Depth of 1/e, metres.
+        depth: f64,
+    },
+    /// Below the stack.
+    Substrate,
+}
+
+/// I(λ, θo) for unpolarised light, rows of angles (radians), each over the wavelengths (metres). With sources in the
+/// layers in units of length (source strength 1 at the top), with sources in the substrate T.
+///
+/// # Errors
+/// As [`dense::spectra`]; an angle of 90°, where radiance has no meaning; a depth that is not positive.
+pub fn emission(
+    stack: &Stack,
+    profile: SourceProfile,
+    wavelengths: &[f64],
+    angles: &[f64],
+) -> Result<Vec<Vec<f64>>, StackError> {
+    let SourceProfile::Substrate = profile else {
+        let sources = strengths(stack, profile)?;
+        let spectra = dense::spectra_with_sources(stack, wavelengths, angles, &sources)?;
+        let row = |(at, theta): (usize, &f64)| {
+            let cos = theta.cos();
+            if cos < 1e-9 {
+                return Err(WaveError::Unsuitable("radiance has no meaning at 90 deg".to_owned()).into());
+            }
+            Ok(spectra.unpolarised_emission(at).unwrap_or_default().iter().map(|e| e / cos).collect())
+        };
+        return angles.iter().enumerate().map(row).collect();
+    };
+    let spectra = dense::spectra(stack, wavelengths, angles)?;
+    Ok((0..angles.len()).map(|at| spectra.unpolarised_transmittance(at)).collect())
+}
+
+fn strengths(stack: &Stack, profile: SourceProfile) -> Result<Vec<f64>, StackError> {
+    stack.check()?;
+    let most = crate::field::MOST_LISTED_LAYERS;
+    if stack.layer_count() > u128::from(most) {
+        return Err(WaveError::TooManyLayers { layers: stack.layer_count(), most }.into());
+    }
+    let SourceProfile::Exponential { depth } = profile else {
+        return Ok(stack.layers().map(|_| 1.0).collect());
+    };
+    if !(depth.is_finite() && depth > 0.0) {
+        let why = format!("the source depth is {depth} m; it must be positive");
+        return Err(WaveError::Unsuitable(why).into());
+    }
+    let mut top = 0.0;
+    let strength = |layer: crate::stack::StackLayer| {
+        let x = layer.thickness / depth;
+        let mean = if x > 1e-12 { -(-x).exp_m1() / x } else { 1.0 };
+        let strength = (-top / depth).exp() * mean;
+        top += layer.thickness;
+        strength
+    };
+    Ok(stack.layers().map(strength).collect())
+}
