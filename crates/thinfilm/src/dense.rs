@@ -25,7 +25,7 @@ pub const CLAIM: f64 = 1e-13;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spectra {
     wavelengths: usize,
-    /// [s, p], each [angle][wavelength].
+    /// `[s, p]`, each `[angle][wavelength]`.
     reflectance: [Vec<f64>; 2],
     transmittance: [Vec<f64>; 2],
     emission: Option<[Vec<f64>; 2]>,

@@ -28,7 +28,7 @@ pub(super) struct LosslessMedium {
     pub(super) face: [Lanes; 2],
 }
 
-/// One angle and [`LANES`] wavelengths through a lossless stack.
+/// One angle and `LANES` wavelengths through a lossless stack.
 pub(super) struct LosslessTile<'a> {
     pub(super) media: &'a [LosslessMedium],
     /// The medium whose admittance is the reference: its layers need no ratios.
@@ -269,7 +269,7 @@ pub(super) struct Interface {
     pub(super) inverse_tau: [Lanes; 2],
 }
 
-/// One angle and [`LANES`] wavelengths through any stack.
+/// One angle and `LANES` wavelengths through any stack.
 pub(super) struct ComplexTile<'a> {
     pub(super) media: &'a [ComplexMedium],
     /// From the substrate up.
