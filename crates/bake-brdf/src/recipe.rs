@@ -3,11 +3,11 @@
 //! Every key is optional and has the paper's value as its default; unknown keys are refused. A parsed
 //! [`Recipe`] is always valid: [`Recipe::from_json`] checks ranges and names the field that is wrong.
 
-use crate::transport::{Facets, Normals, Transport};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use thinfilm::{Dispersion, Material};
+use transport::{Facets, Normals, Transport};
 
 /// Schema name of the recipes that this version reads.
 pub const SCHEMA: &str = "pearl-recipe/1";

@@ -12,13 +12,13 @@
 mod cie;
 
 use crate::recipe::{Count, Recipe, RecipeError};
-use crate::transport::Transport;
 use lut_io::spectra::Spectra;
 use rayon::prelude::*;
 use thinfilm::{
     Gain, Incidence, Layer, Material, MaterialError, Multilayer, Polarisation, Run, Stack, StackError,
     StackLayer, StackRun, WaveError,
 };
+use transport::Transport;
 
 /// Range and number of bands.
 const FIRST_NM: f64 = 380.0;

@@ -3,13 +3,13 @@
 use crate::bake::assemble::cell_shares;
 use crate::bake::sampling::{Sampling, Shard};
 use crate::bake::{BakeError, Observer, Request, Target, exit_axis};
-use crate::doubling::{self, Settings};
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::tally::CHUNK;
-use crate::walk::lanes::Precision;
 use lut_io::axis::ExitAxis;
 use serde::Serialize;
 use std::time::Instant;
+use transport::doubling::{self, Settings};
+use transport::walk::lanes::Precision;
 
 /// Total variation that the truth is solved to.
 const TRUTH: f64 = 1e-7;
@@ -314,7 +314,7 @@ fn effects(recipe: &Recipe) -> Result<Vec<EffectCost>, BakeError> {
         layers.iter_mut().for_each(|layer| layer.k += 1e-5);
     }
     let mut visible = base.clone();
-    visible.recipe.facets.normals = crate::transport::Normals::Visible;
+    visible.recipe.facets.normals = transport::Normals::Visible;
     let space = request(recipe, &[30.0], AzimuthMode::Walk);
     let double = Request { precision: Precision::F64, ..base.clone() };
     [

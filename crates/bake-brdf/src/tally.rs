@@ -5,11 +5,11 @@
 //! number of threads, order of chunks, resume or shard. Angles come from the `libm` crate, not from the system, whose
 //! last bits differ from machine to machine.
 
-use crate::transport::Geometry;
-use crate::walk::{Exit, Fate};
 use lut_io::axis::{ExitAxis, Stretched};
 use lut_io::table::{Component, IncidenceSummary, SummaryErrors};
 use serde::{Deserialize, Serialize};
+use transport::Geometry;
+use transport::walk::{Exit, Fate};
 
 /// Paths whose sums are rounded together.
 pub const CHUNK: u64 = 4096;

@@ -2,16 +2,16 @@
 
 use super::{Request, Target};
 use crate::bake::sampling::Sampling;
-use crate::doubling::{ErrorEstimate, Solution};
 use crate::recipe::Recipe;
 use crate::tally::{CellShares, Tally};
-use crate::transport::{Normals, Transport};
 use lut_io::axis::{ExitAxis, Stretched};
 use lut_io::measure;
 use lut_io::table::{
     Accuracy, AzimuthMode, Component, IncidenceSummary, Lobe, Meta, SCHEMA, Solver, SummaryErrors,
     SurfaceModel, Table,
 };
+use transport::doubling::{ErrorEstimate, Solution};
+use transport::{Normals, Transport};
 
 /// What a solver knows of one incidence.
 struct Incidence {

@@ -4,11 +4,8 @@ pub(crate) mod assemble;
 pub mod sampling;
 pub mod snapshot;
 
-use crate::doubling;
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
 use crate::tally::Tally;
-use crate::transport::{Geometry, Transport};
-use crate::walk::lanes::Precision;
 use lut_io::axis::{ExitAxis, MAX_WIDTH};
 use lut_io::table::Table;
 use sampling::{Sampling, Shard, State};
@@ -16,6 +13,9 @@ use serde::{Deserialize, Serialize};
 use snapshot::Snapshot;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
+use transport::doubling;
+use transport::walk::lanes::Precision;
+use transport::{Geometry, Transport};
 
 /// Columns of a plane table: cells of 0.07 σ-widths at the lobe's centre keep the reading error near 5e-4.
 const PLANE_CELLS: usize = 128;

@@ -2,15 +2,15 @@
 
 use super::{BakeError, Observer, Progress, Request, Target};
 use crate::tally::{CHUNK, Cells, Tally};
-use crate::transport::{Geometry, Transport};
-use crate::walk::lanes::{Precision, Walker};
-use crate::walk::{Exit, Fate};
 use lut_io::axis::ExitAxis;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+use transport::walk::lanes::{Precision, Walker};
+use transport::walk::{Exit, Fate};
+use transport::{Geometry, Transport};
 
 /// Paths that one task walks in one go: enough that draining the lanes at its end costs little.
 const BLOCK: u64 = 8 * CHUNK;

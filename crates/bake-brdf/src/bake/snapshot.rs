@@ -6,11 +6,11 @@
 
 use super::sampling::{Sampling, Shard, State};
 use super::{BakeError, Observer, Request, Target, assemble};
-use crate::walk::lanes::Precision;
 use lut_io::table::Table;
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::Path;
+use transport::walk::lanes::Precision;
 
 const MAGIC: &[u8] = b"nacre-state/1\n";
 /// Longest snapshot that is read, bytes.

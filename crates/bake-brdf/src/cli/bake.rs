@@ -5,7 +5,6 @@ use bake_brdf::bake::sampling::{Shard, State};
 use bake_brdf::bake::snapshot::{self, Snapshot};
 use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, SolverChoice, Target};
 use bake_brdf::recipe::{self, AzimuthMode, Recipe};
-use bake_brdf::walk::lanes::Precision;
 use lut_io::table::{Solver, Table};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -13,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use terminal::{Outcome, Stop};
+use transport::walk::lanes::Precision;
 
 /// Accuracy of a bake that asks for none, per cent: about half a minute for the paper's pearl on two cores.
 const DEFAULT_ACCURACY_PERCENT: f64 = 1.0;

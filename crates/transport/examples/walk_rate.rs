@@ -8,11 +8,11 @@
 
 use std::error::Error;
 
-use bake_brdf::transport::{Geometry, Transport};
-use bake_brdf::walk::lanes::{Precision, SimdLevel, Walker};
-use bake_brdf::walk::reference::Reference;
-use bake_brdf::walk::{Exit, Fate};
 use rayon::prelude::*;
+use transport::walk::lanes::{Precision, SimdLevel, Walker};
+use transport::walk::reference::Reference;
+use transport::walk::{Exit, Fate};
+use transport::{Geometry, Transport};
 
 /// Paths a call: long enough that lanes running empty at its end cost little.
 const CHUNK: u64 = 1 << 16;

@@ -2,10 +2,10 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use bake_brdf::doubling::{DoublingError, Settings, Solution, solve, solve_to};
-use bake_brdf::transport::{Geometry, Normals, Transport};
 use rand::SeedableRng;
 use rand::rngs::StdRng;
+use transport::doubling::{DoublingError, Settings, Solution, solve, solve_to};
+use transport::{Geometry, Normals, Transport};
 
 #[path = "doubling/scalar_walk.rs"]
 mod scalar_walk;
@@ -23,7 +23,7 @@ fn settings(nodes: usize, modes: usize) -> Settings {
 
 /// Tolerances of the project: albedo and shares 1e-5, mean and standard deviation 1e-3°, skewness 1e-3.
 fn agrees_with_reference(case: usize, geometry: Geometry, settings: &Settings) {
-    let text = include_str!("data/reference.json");
+    let text = include_str!("../../../tests/data/reference.json");
     let reference: serde_json::Value = serde_json::from_str(text).unwrap();
     let case = &reference["cases"][case];
     let name = if geometry == Geometry::Plane { "plane" } else { "space" };

@@ -31,7 +31,7 @@ use self::kernel::{Column, columns};
 use self::solution::ModeResult;
 use self::stack::{Element, Run, elements, runs};
 use self::star::{Mirror, Resolved, Slab, times};
-use crate::transport::{Geometry, Transport};
+use crate::{Geometry, Transport};
 
 /// Resolutions that [`solve_to`] tries.
 const ATTEMPTS: usize = 6;

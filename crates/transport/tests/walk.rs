@@ -5,11 +5,11 @@
 
 #![allow(clippy::print_stderr)] // A skipped check says so.
 
-use bake_brdf::transport::{Facets, Geometry, Normals, Transport};
-use bake_brdf::walk::lanes::{Precision, SimdLevel, WalkError, Walker};
-use bake_brdf::walk::reference::{Estimator, Reference};
-use bake_brdf::walk::{Exit, Fate};
 use proptest::prelude::*;
+use transport::walk::lanes::{Precision, SimdLevel, WalkError, Walker};
+use transport::walk::reference::{Estimator, Reference};
+use transport::walk::{Exit, Fate};
+use transport::{Facets, Geometry, Normals, Transport};
 
 const SIGMAS: f64 = 5.0;
 const CAP: u32 = 1_000_000;

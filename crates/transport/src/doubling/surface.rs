@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::facets::fresnel;
 use super::grid::segment_rule;
-use crate::transport::{Facets, Geometry, Normals, Transport};
+use crate::{Facets, Geometry, Normals, Transport};
 
 /// Facet tilts that the plane's visible normals may have, at most: MODEL §3 as the walk draws them.
 pub(super) fn steepest_visible_tilt(sigma: f64) -> f64 {

@@ -10,7 +10,7 @@ use super::rehit::RehitLobe;
 use super::settings::Settings;
 use super::star::{Slab, times};
 use super::surface::SingleReflection;
-use crate::transport::{Geometry, Transport};
+use crate::{Geometry, Transport};
 
 /// The totals of one incidence.
 #[derive(Clone, Copy, Debug, PartialEq)]

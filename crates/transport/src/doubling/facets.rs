@@ -10,7 +10,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::grid::{LARGEST_SEGMENT_RULE, segment_rule};
 use super::surface::steepest_visible_tilt;
-use crate::transport::{Facets, Normals};
+use crate::{Facets, Normals};
 
 /// Where light goes at an event, seen from the side that it came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

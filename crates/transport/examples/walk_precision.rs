@@ -8,10 +8,10 @@
 
 use std::error::Error;
 
-use bake_brdf::transport::{Geometry, Transport};
-use bake_brdf::walk::lanes::{Precision, Walker};
-use bake_brdf::walk::{Exit, Fate};
 use rayon::prelude::*;
+use transport::walk::lanes::{Precision, Walker};
+use transport::walk::{Exit, Fate};
+use transport::{Geometry, Transport};
 
 const CHUNK: u64 = 1 << 16;
 const NOTHING: Exit = Exit { direction: [0.0; 3], weight: 0.0, fate: Fate::Truncated };

@@ -1,8 +1,8 @@
 //! A walk written from MODEL.md alone, as plainly as possible: the tests' independent witness.
 
-use bake_brdf::transport::{Geometry, Normals, Transport};
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
+use transport::{Geometry, Normals, Transport};
 
 /// How a path ended.
 #[derive(Clone, Copy, Debug)]

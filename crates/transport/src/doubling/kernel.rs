@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::facets::{Events, FATES, Fate, Interface, Outcomes, Part};
 use super::grid::Grid;
-use crate::transport::Geometry;
+use crate::Geometry;
 
 /// Facets of one block of a deposit: what stays in the cache together.
 const BLOCK: usize = 384;

@@ -8,7 +8,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 
 use super::{Exit, Fate};
-use crate::transport::{Geometry, Normals, Transport};
+use crate::{Geometry, Normals, Transport};
 
 /// How an event turns the Fresnel reflectance R into a choice and a weight.
 #[derive(Clone, Copy, Debug, PartialEq)]

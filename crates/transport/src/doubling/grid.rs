@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 
-use crate::transport::Geometry;
+use crate::Geometry;
 
 /// A Gauss–Legendre rule on [−1, 1].
 #[derive(Clone, Debug)]

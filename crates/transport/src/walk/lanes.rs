@@ -18,7 +18,7 @@ use self::event::{ALTERNATING, CROSSING, Constants, EXPLICIT, HALVINGS, PERIODIC
 use self::real::Real;
 pub use self::simd::SimdLevel;
 use super::Exit;
-use crate::transport::{Geometry, Normals, Transport};
+use crate::{Geometry, Normals, Transport};
 
 /// The floating-point type that geometry is computed in. Random numbers are the same in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]

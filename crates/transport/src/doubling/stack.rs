@@ -1,6 +1,6 @@
 //! The interfaces below interface 0 as a short program: periodic runs to double, the rest to add one by one.
 
-use crate::transport::Transport;
+use crate::Transport;
 
 /// Longest period that is looked for.
 const LONGEST_PERIOD: usize = 32;

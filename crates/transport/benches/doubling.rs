@@ -5,11 +5,11 @@
 
 use std::hint::black_box;
 
-use bake_brdf::doubling::{Settings, solve, solve_to};
-use bake_brdf::transport::{Geometry, Transport};
 use criterion::{Criterion, criterion_group, criterion_main};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
+use transport::doubling::{Settings, solve, solve_to};
+use transport::{Geometry, Transport};
 
 fn incidences() -> Vec<f64> {
     (0..=90).map(|degree| f64::from(degree).min(89.99).to_radians()).collect()

@@ -12,7 +12,7 @@ use faer::Mat;
 
 use super::grid::{gauss_legendre, segment_rule};
 use super::surface::SingleReflection;
-use crate::transport::{Geometry, Transport};
+use crate::{Geometry, Transport};
 
 /// Half period of a row's series in widths w: what lies beyond weighs e^(−32).
 const HALF_PERIOD: f64 = 8.0;

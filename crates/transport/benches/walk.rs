@@ -4,13 +4,13 @@
 
 use std::hint::black_box;
 
-use bake_brdf::transport::{Geometry, Normals, Transport};
-use bake_brdf::walk::lanes::{Precision, SimdLevel, Walker};
-use bake_brdf::walk::reference::Reference;
-use bake_brdf::walk::{Exit, Fate};
 use criterion::{
     BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main, measurement::WallTime,
 };
+use transport::walk::lanes::{Precision, SimdLevel, Walker};
+use transport::walk::reference::Reference;
+use transport::walk::{Exit, Fate};
+use transport::{Geometry, Normals, Transport};
 
 const NOTHING: Exit = Exit { direction: [0.0; 3], weight: 0.0, fate: Fate::Truncated };
 const PATHS: u64 = 16_384;

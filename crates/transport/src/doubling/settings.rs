@@ -7,7 +7,7 @@ use super::facets::Sampling;
 use super::grid::Grid;
 use super::key;
 use super::stack::{elements, runs};
-use crate::transport::{Geometry, Transport};
+use crate::{Geometry, Transport};
 
 /// Memory that the solver may plan for, bytes.
 const LARGEST_PLAN: f64 = 6.0 * (1u64 << 30) as f64;
