@@ -5,6 +5,7 @@ pub mod sampling;
 pub mod snapshot;
 
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
+use crate::spectra::{self, Colours, Wanted};
 use crate::tally::Tally;
 use lut_io::axis::{ExitAxis, MAX_WIDTH};
 use lut_io::table::Table;
@@ -215,6 +216,17 @@ impl Request {
         self.incident_deg.iter().map(|angle| angle.to_radians()).collect()
     }
 
+    /// Which interference colours the table is to hold: what the recipe's look calls for.
+    #[must_use]
+    pub fn colours_wanted(&self) -> Wanted {
+        Wanted::by_look(&self.recipe.look)
+    }
+
+    /// The interference colours, computed before the lobe so that a refusal comes before the work.
+    pub(crate) fn colours(&self) -> Result<Colours, BakeError> {
+        spectra::of(&self.recipe, self.colours_wanted()).map_err(|why| BakeError::Input(why.to_string()))
+    }
+
     pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
         self.check()?;
         let transport = self.transport()?;
@@ -248,10 +260,11 @@ pub fn doubling(request: &Request) -> Result<Table, BakeError> {
     };
     let transport = request.transport()?;
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    let colours = request.colours()?;
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
     let solution = doubling::solve_to(&transport, request.geometry(), &request.theta_i(), share, false)
         .map_err(|why| BakeError::Input(format!("solver doubling: {why}")))?;
-    Ok(assemble::doubling_table(request, &transport, &axis, &solution))
+    coloured(assemble::doubling_table(request, &transport, &axis, &solution), &colours)
 }
 
 /// Which solver is cheaper for a request, and why in one sentence.
@@ -294,12 +307,18 @@ pub fn walk(
     resume: Option<Snapshot>,
 ) -> Result<Table, BakeError> {
     let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    let colours = request.colours()?;
     let result = walk_target(request, &mut sampling, observer, resume);
     if let (Err(BakeError::Interrupted), Some(checkpoint)) = (&result, &observer.checkpoint) {
         (checkpoint.keep)(&sampling.state());
     }
     result?;
-    Ok(assemble::walk_table(request, &transport, &axis, &sampling))
+    coloured(assemble::walk_table(request, &transport, &axis, &sampling), &colours)
+}
+
+fn coloured(mut table: Table, colours: &Colours) -> Result<Table, BakeError> {
+    colours.store(&mut table.meta).map_err(|flaw| BakeError::Input(flaw.to_string()))?;
+    Ok(table)
 }
 
 fn walk_target(

@@ -197,7 +197,7 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
     }
     let idle = Observer::idle();
     sampling.resume(state, &idle)?;
-    Ok(assemble::walk_table(&request, &transport, &axis, &sampling))
+    super::coloured(assemble::walk_table(&request, &transport, &axis, &sampling), &request.colours()?)
 }
 
 /// Walks one shard of a bake and gives its snapshot.
