@@ -331,7 +331,6 @@ impl Decisions {
     }
 
     /// What a list asks for, whatever the look; `blur` brings `surface` (its light passes the surface) and `azimuth`.
-    #[must_use]
     ///
     /// # Errors
     /// An effect that this version does not simulate.
