@@ -12,7 +12,8 @@
 //!
 //! Each of the two is computed only where it is [`Wanted`].
 
-use crate::recipe::{Look, Recipe, RecipeError};
+use crate::effects::{Effect, EffectSet};
+use crate::recipe::{Recipe, RecipeError};
 use lut_io::error::Flaw;
 use lut_io::spectra::{Coherent, Illuminant, Spectra};
 use lut_io::table::Meta;
@@ -63,10 +64,10 @@ pub enum SpectraError {
     #[error("interference colours: {0}")]
     Stack(#[from] StackError),
     /// An effect that was asked for by name.
-    #[error("effect {effect}: {source}")]
+    #[error("effects: {effect} cannot be had: {source}")]
     Required {
-        /// `coherent` or `illuminant`.
-        effect: &'static str,
+        /// The effect.
+        effect: Effect,
         /// Why it cannot be had.
         source: Box<SpectraError>,
     },
@@ -84,21 +85,36 @@ pub enum Want {
     Required,
 }
 
-/// Which interference colours a bake is to compute.
+/// Which interference colours a bake is to compute, and of what stack.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
     /// M(λ, θ), effect `coherent`.
     pub coherent: Want,
     /// Ê(λ, θ), effect `illuminant`.
     pub illuminant: Want,
+    /// Whether thicknesses vary (effect `irregularity`); without, every layer has its mean thickness.
+    pub irregularity: bool,
+    /// Whether layers absorb (effect `absorption`).
+    pub absorption: bool,
 }
 
 impl Wanted {
-    /// What a look calls for: `coherent` if its coherence is above 0, `illuminant` if its depth is.
+    /// What a set of effects calls for; effects that were listed by name are [`Want::Required`].
     #[must_use]
-    pub fn by_look(look: &Look) -> Self {
-        let want = |amount: f64| if amount > 0.0 { Want::IfPossible } else { Want::No };
-        Self { coherent: want(look.coherence), illuminant: want(look.depth) }
+    pub const fn by_effects(effects: EffectSet, listed: bool) -> Self {
+        const fn want(is_on: bool, listed: bool) -> Want {
+            match (is_on, listed) {
+                (false, _) => Want::No,
+                (true, false) => Want::IfPossible,
+                (true, true) => Want::Required,
+            }
+        }
+        Self {
+            coherent: want(effects.contains(Effect::Coherent), listed),
+            illuminant: want(effects.contains(Effect::Illuminant), listed),
+            irregularity: effects.contains(Effect::Irregularity),
+            absorption: effects.contains(Effect::Absorption),
+        }
     }
 }
 
@@ -108,29 +124,28 @@ pub struct Colours {
     /// The section for the table.
     pub spectra: Spectra,
     /// Effects that are missing, with the reason.
-    pub missing: Vec<(&'static str, String)>,
+    pub missing: Vec<(Effect, String)>,
 }
 
 impl Colours {
-    /// Names of the effects that are there.
+    /// The effects that are there.
     #[must_use]
-    pub fn effects(&self) -> Vec<&'static str> {
-        let coherent = self.spectra.coherent.as_ref().map(|_| "coherent");
-        coherent.into_iter().chain(self.spectra.illuminant.as_ref().map(|_| "illuminant")).collect()
+    pub fn effects(&self) -> EffectSet {
+        let coherent = self.spectra.coherent.as_ref().map(|_| Effect::Coherent);
+        coherent.into_iter().chain(self.spectra.illuminant.as_ref().map(|_| Effect::Illuminant)).collect()
     }
 
-    /// Puts the colours, their effects and the reasons for missing ones into a table's metadata.
+    /// Puts the colours and the reasons for missing ones into a table's metadata.
     ///
     /// # Errors
     /// The section is not valid.
     pub fn store(&self, meta: &mut Meta) -> Result<(), Flaw> {
-        let effects = self.effects();
-        if !effects.is_empty() {
+        if self.effects() != EffectSet::NONE {
             self.spectra.store(meta)?;
         }
-        meta.effects.extend(effects.into_iter().map(str::to_owned));
         if !self.missing.is_empty() {
-            let reasons = self.missing.iter().map(|(effect, why)| ((*effect).to_owned(), why.clone().into()));
+            let reasons =
+                self.missing.iter().map(|(effect, why)| (effect.name().to_owned(), why.clone().into()));
             meta.extra.insert(MISSING_KEY.to_owned(), serde_json::Value::Object(reasons.collect()));
         }
         Ok(())
@@ -159,8 +174,10 @@ pub fn of(recipe: &Recipe, wanted: Wanted) -> Result<Colours, SpectraError> {
             Err(why) => Err(SpectraError::Required { effect, source: Box::new(why) }),
         }
     };
-    let coherent = attempt("coherent", wanted.coherent, &|| coherent(recipe).map(Part::Coherent))?;
-    let illuminant = attempt("illuminant", wanted.illuminant, &|| illuminant(recipe).map(Part::Illuminant))?;
+    let coherent =
+        attempt(Effect::Coherent, wanted.coherent, &|| coherent(recipe, wanted).map(Part::Coherent))?;
+    let illuminant =
+        attempt(Effect::Illuminant, wanted.illuminant, &|| illuminant(recipe, wanted).map(Part::Illuminant))?;
     for part in coherent.into_iter().chain(illuminant) {
         match part {
             Part::Coherent(part) => colours.spectra.coherent = Some(part),
@@ -175,9 +192,12 @@ enum Part {
     Illuminant(Illuminant),
 }
 
-fn coherent(recipe: &Recipe) -> Result<Coherent, SpectraError> {
-    let transport = recipe.transport(recipe.wavelength())?;
-    let stack = wave_stack(recipe);
+fn coherent(recipe: &Recipe, wanted: Wanted) -> Result<Coherent, SpectraError> {
+    let mut transport = recipe.transport(recipe.wavelength())?;
+    if !wanted.absorption {
+        transport.optical_depths.fill(0.0);
+    }
+    let stack = wave_stack(recipe, wanted);
     let theta_deg = angles_deg(if stack.is_irregular() { STEP_DEG } else { FINE_STEP_DEG });
     let angles = radians(&theta_deg);
     // Repeated units of a long stack are doubled.
@@ -204,13 +224,13 @@ fn coherent(recipe: &Recipe) -> Result<Coherent, SpectraError> {
     })
 }
 
-fn illuminant(recipe: &Recipe) -> Result<Illuminant, SpectraError> {
+fn illuminant(recipe: &Recipe, wanted: Wanted) -> Result<Illuminant, SpectraError> {
     // Refuses what the bake refuses, with its words.
-    let absorbs = recipe.transport(recipe.wavelength())?.absorbs();
-    let stack = shortened(wave_stack(recipe), DEEPEST);
+    recipe.transport(recipe.wavelength())?;
+    let stack = shortened(wave_stack(recipe, wanted), DEEPEST);
     let theta_deg = angles_deg(STEP_DEG);
     let angles = radians(&theta_deg);
-    let work = if absorbs || stack.is_irregular() { SLOW_FIELD_WORK } else { FIELD_WORK };
+    let work = if wanted.absorption || stack.is_irregular() { SLOW_FIELD_WORK } else { FIELD_WORK };
     let layers = stack.layer_count() as usize;
     let Effort { per_band, members } = Effort::new(work, layers, angles.len(), stack.is_irregular());
     let wavelengths = colour::wavelengths(BANDS * per_band + 1);
@@ -298,12 +318,25 @@ fn rgb(values: &[f64], most: f64) -> [f64; 3] {
 
 /// The recipe's stack for waves over the visible range: a tabulated index stays constant beyond its table, and of an
 /// irregular or explicit stack only the uppermost layers are followed.
-fn wave_stack(recipe: &Recipe) -> Stack {
+fn wave_stack(recipe: &Recipe, wanted: Wanted) -> Stack {
     let mut stack = recipe.film_stack();
+    if !wanted.absorption {
+        stack.materials.iter_mut().for_each(make_clear);
+    }
+    if !wanted.irregularity {
+        stack.runs.iter_mut().flat_map(|run| &mut run.unit).for_each(|layer| layer.thickness_sd = 0.0);
+    }
     let media = stack.materials.iter_mut().chain([&mut stack.ambient, &mut stack.substrate]);
     media.for_each(hold_constant);
     let periodic = stack.runs.iter().any(|run| run.repeat > 1);
     if stack.is_irregular() || !periodic { shortened(stack, DEEPEST) } else { stack }
+}
+
+fn make_clear(material: &mut Material) {
+    material.k = 0.0;
+    if let Dispersion::Table(rows) = &mut material.n {
+        rows.iter_mut().for_each(|row| row[2] = 0.0);
+    }
 }
 
 /// Extends a tabulated index to the visible range.
@@ -370,7 +403,8 @@ fn fresnel(n1: f64, cos1: f64, n2: f64, cos2: f64) -> f64 {
 mod tests {
     use super::*;
 
-    const BOTH: Wanted = Wanted { coherent: Want::Required, illuminant: Want::Required };
+    const BOTH: Wanted =
+        Wanted { coherent: Want::Required, illuminant: Want::Required, irregularity: true, absorption: true };
 
     fn recipe(text: &str) -> Recipe {
         Recipe::from_json(text).unwrap()
@@ -463,11 +497,30 @@ mod tests {
     #[test]
     fn only_what_is_wanted_is_there() {
         let recipe = recipe(r#"{"stack": {"layers": 4}, "look": {"depth": 0, "coherence": 0.3}}"#);
-        let colours = of(&recipe, Wanted::by_look(&recipe.look)).unwrap();
-        assert_eq!(colours.effects(), ["coherent"]);
-        let illuminant = Wanted { illuminant: Want::IfPossible, ..Wanted::default() };
-        assert_eq!(of(&recipe, illuminant).unwrap().effects(), ["illuminant"]);
-        assert_eq!(of(&recipe, Wanted::default()).unwrap().effects(), [""; 0]);
+        let held = |effects: &[Effect]| {
+            let wanted = Wanted::by_effects(effects.iter().copied().collect(), false);
+            of(&recipe, wanted).unwrap().effects().iter().collect::<Vec<_>>()
+        };
+        assert_eq!(held(&[Effect::Coherent, Effect::Blur]), [Effect::Coherent]);
+        assert_eq!(held(&[Effect::Illuminant]), [Effect::Illuminant]);
+        assert_eq!(held(&[Effect::Surface, Effect::Irregularity]), []);
+    }
+
+    #[test]
+    fn absorption_and_irregularity_change_the_colours_only_where_they_are_wanted() {
+        let plain = both(r#"{"stack": {"layers": 4}}"#);
+        let text = r#"{"stack": {"layers": 4, "aragonite": {"k": 0.01, "thickness_sd_nm": 30}}}"#;
+        let of_text = |wanted| {
+            let spectra = of(&recipe(text), wanted).unwrap().spectra;
+            (spectra.coherent.unwrap(), spectra.illuminant.unwrap())
+        };
+        assert_eq!(of_text(Wanted { irregularity: false, absorption: false, ..BOTH }), plain);
+        let absorbing = of_text(Wanted { irregularity: false, ..BOTH });
+        let irregular = of_text(Wanted { absorption: false, ..BOTH });
+        for (coherent, illuminant) in [absorbing, irregular] {
+            assert_ne!(coherent.modulation[0], plain.0.modulation[0]);
+            assert_ne!(illuminant.emission, plain.1.emission);
+        }
     }
 
     #[test]
@@ -476,13 +529,13 @@ mod tests {
         let violet = recipe(
             r#"{"stack": {"layers": 4, "aragonite": {"n": {"cauchy": [3.153, -0.5]}, "thickness_nm": 450}}}"#,
         );
-        let colours = of(&violet, Wanted::by_look(&violet.look)).unwrap();
-        assert!(colours.effects().is_empty());
+        let effects: EffectSet = [Effect::Coherent, Effect::Illuminant].into_iter().collect();
+        let colours = of(&violet, Wanted::by_effects(effects, false)).unwrap();
+        assert_eq!(colours.effects(), EffectSet::NONE);
         assert_eq!(colours.missing.len(), 2);
         assert!(colours.missing[0].1.contains("n = -0."), "{:?}", colours.missing);
-        let required = Wanted { coherent: Want::Required, ..Wanted::default() };
-        let error = of(&violet, required).unwrap_err().to_string();
-        assert!(error.starts_with("effect coherent: ") && !error.contains('\n'), "{error}");
+        let error = of(&violet, Wanted::by_effects(effects, true)).unwrap_err().to_string();
+        assert!(error.starts_with("effects: coherent cannot be had: ") && !error.contains('\n'), "{error}");
     }
 
     #[test]

@@ -2,7 +2,6 @@
 
 use super::{Request, Target};
 use crate::bake::sampling::Sampling;
-use crate::effects::{Effect, EffectSet};
 use crate::recipe::Recipe;
 use crate::tally::{CellShares, Tally};
 use lut_io::axis::{ExitAxis, Stretched};
@@ -253,16 +252,11 @@ fn meta(
                 Normals::Visible => "visible".to_owned(),
             },
         },
-        effects: held(request),
+        // Set when the colours are in.
+        effects: Vec::new(),
         per_incidence,
         extra: serde_json::Map::new(),
     }
-}
-
-/// Names of the effects that a table of this request holds: interference colours only once they are stored.
-fn held(request: &Request) -> Vec<String> {
-    let colours = [Effect::Coherent, Effect::Illuminant, Effect::Irregularity];
-    colours.into_iter().fold(request.effects, EffectSet::without).names()
 }
 
 /// w of the decay postulate: the recipe's, or the standard deviation of the plane lobe at this θi.

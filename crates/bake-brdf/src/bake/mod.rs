@@ -64,6 +64,8 @@ pub struct Request {
     pub recipe: Recipe,
     /// What of it is baked.
     pub effects: EffectSet,
+    /// Whether the effects were listed by name: then one that this stack cannot have is an error.
+    pub listed: bool,
     /// Angles of incidence, degrees, ascending, within [0, 90].
     pub incident_deg: Vec<f64>,
     /// When to stop.
@@ -229,15 +231,10 @@ impl Request {
         self.incident_deg.iter().map(|angle| angle.to_radians()).collect()
     }
 
-    /// Which interference colours the table is to hold: what the recipe's look calls for.
-    #[must_use]
-    pub fn colours_wanted(&self) -> Wanted {
-        Wanted::by_look(&self.recipe.look)
-    }
-
-    /// The interference colours, computed before the lobe so that a refusal comes before the work.
+    /// The interference colours that the effects call for.
     pub(crate) fn colours(&self) -> Result<Colours, BakeError> {
-        spectra::of(&self.recipe, self.colours_wanted()).map_err(|why| BakeError::Input(why.to_string()))
+        let wanted = Wanted::by_effects(self.effects, self.listed);
+        spectra::of(&self.recipe, wanted).map_err(|why| BakeError::Input(why.to_string()))
     }
 
     pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
@@ -285,7 +282,7 @@ fn lobeless(request: &Request) -> Result<Table, BakeError> {
 /// A request for paths or time, or a problem out of the solver's reach; the message says what would do.
 pub fn doubling(request: &Request) -> Result<Table, BakeError> {
     if !request.effects.has_lobe() {
-        return lobeless(request);
+        return coloured(request, lobeless(request)?, &request.colours()?);
     }
     request.check()?;
     let Target::AccuracyPercent(percent) = request.target else {
@@ -295,11 +292,12 @@ pub fn doubling(request: &Request) -> Result<Table, BakeError> {
     };
     let transport = request.transport()?;
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    // Before the lobe, so that a refusal comes before the work.
     let colours = request.colours()?;
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
     let solution = doubling::solve_to(&transport, request.geometry(), &request.theta_i(), share, false)
         .map_err(|why| BakeError::Input(format!("solver doubling: {why}")))?;
-    coloured(assemble::doubling_table(request, &transport, &axis, &solution), &colours)
+    coloured(request, assemble::doubling_table(request, &transport, &axis, &solution), &colours)
 }
 
 /// Which solver is cheaper for a request, and why in one sentence.
@@ -342,20 +340,28 @@ pub fn walk(
     resume: Option<Snapshot>,
 ) -> Result<Table, BakeError> {
     if !request.effects.has_lobe() {
-        return lobeless(request);
+        return coloured(request, lobeless(request)?, &request.colours()?);
     }
     let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    // Before the lobe, so that a refusal comes before the work.
     let colours = request.colours()?;
     let result = walk_target(request, &mut sampling, observer, resume);
     if let (Err(BakeError::Interrupted), Some(checkpoint)) = (&result, &observer.checkpoint) {
         (checkpoint.keep)(&sampling.state());
     }
     result?;
-    coloured(assemble::walk_table(request, &transport, &axis, &sampling), &colours)
+    coloured(request, assemble::walk_table(request, &transport, &axis, &sampling), &colours)
 }
 
-fn coloured(mut table: Table, colours: &Colours) -> Result<Table, BakeError> {
+/// Adds the colours; thicknesses matter to nothing else, so that irregularity is held if a colour is.
+fn coloured(request: &Request, mut table: Table, colours: &Colours) -> Result<Table, BakeError> {
     colours.store(&mut table.meta).map_err(|flaw| BakeError::Input(flaw.to_string()))?;
+    let held = |effect: Effect| match effect {
+        Effect::Coherent | Effect::Illuminant => colours.effects().contains(effect),
+        Effect::Irregularity => colours.effects() != EffectSet::NONE,
+        _ => true,
+    };
+    table.meta.effects = request.effects.iter().filter(|effect| held(*effect)).collect::<EffectSet>().names();
     Ok(table)
 }
 

@@ -241,6 +241,7 @@ fn request(args: &BakeArgs) -> Result<Request, Stop> {
     Ok(Request {
         recipe,
         effects,
+        listed: args.effects.as_deref().is_some_and(|list| list.trim() != "all"),
         incident_deg: match &args.incident_deg {
             None => bake::default_incident_deg(),
             Some(list) => angles(list)?,
