@@ -3,6 +3,7 @@
 use super::halfway::{self, Halfway, Row};
 use super::{Request, Target};
 use crate::bake::sampling::Sampling;
+use crate::effects::{Effect, EffectSet};
 use crate::recipe::Recipe;
 use crate::tally::CellShares;
 use lut_io::axis::{ExitAxis, Stretched};
@@ -97,6 +98,21 @@ fn settings<const N: usize>(
     entries: [(&str, serde_json::Value); N],
 ) -> serde_json::Map<String, serde_json::Value> {
     entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}
+
+/// The table of a pearl that shows no lobe.
+pub(super) fn lobeless_table(request: &Request, transport: &Transport, axis: &ExitAxis) -> Table {
+    let incidences = request.incident_deg.iter().map(|&theta_i_deg| Incidence {
+        summary: IncidenceSummary { theta_i_deg, transmitted: 1.0, ..IncidenceSummary::default() },
+        components: Component::ALL.map(|_| CellShares {
+            share: vec![0.0; axis.cells()],
+            std_error: vec![0.0; axis.cells()],
+            count: vec![0; axis.cells()],
+        }),
+    });
+    let noise = vec![0.0; request.incident_deg.len()];
+    let solver = (Solver::Doubling, serde_json::json!({ "lobe": "none" }));
+    table(request, transport, axis, solver, incidences.collect(), &noise)
 }
 
 fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> IncidenceSummary {
@@ -267,22 +283,16 @@ fn meta(
                 Normals::Visible => "visible".to_owned(),
             },
         },
-        effects: effects(transport, axis),
+        effects: held(request),
         per_incidence,
         extra: serde_json::Map::new(),
     }
 }
 
-fn effects(transport: &Transport, axis: &ExitAxis) -> Vec<String> {
-    let mut effects = vec!["surface".to_owned(), "blur".to_owned()];
-    effects.push(match axis {
-        ExitAxis::Plane { .. } => "azimuth:decay".to_owned(),
-        ExitAxis::Space { .. } => "azimuth:walk".to_owned(),
-    });
-    if transport.absorbs() {
-        effects.push("absorption".to_owned());
-    }
-    effects
+/// Names of the effects that a table of this request holds: interference colours only once they are stored.
+fn held(request: &Request) -> Vec<String> {
+    let colours = [Effect::Coherent, Effect::Illuminant, Effect::Irregularity];
+    colours.into_iter().fold(request.effects, EffectSet::without).names()
 }
 
 /// w of the decay postulate: the recipe's, or the standard deviation of the plane lobe at this θi.
