@@ -109,10 +109,10 @@ pub(super) fn lobeless_table(request: &Request, transport: &Transport, axis: &Ex
             std_error: vec![0.0; axis.cells()],
             count: vec![0; axis.cells()],
         }),
+        noise: 0.0,
     });
-    let noise = vec![0.0; request.incident_deg.len()];
-    let solver = (Solver::Doubling, serde_json::json!({ "lobe": "none" }));
-    table(request, transport, axis, solver, incidences.collect(), &noise)
+    let solver = (Solver::Doubling, settings([("lobe", "none".into())]));
+    table(request, transport, axis, solver, incidences.collect(), |rows| halfway::estimated(axis, rows))
 }
 
 fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> IncidenceSummary {
