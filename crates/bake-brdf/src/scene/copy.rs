@@ -122,12 +122,23 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;").replace('\'', "&apos;")
 }
 
+/// What stands in the place of some bytes of a file.
+enum Change {
+    Text(String),
+    /// Bytes of another file.
+    Include(usize, Range<usize>),
+}
+
 /// Writes part of a file with its edits, includes in place.
 fn render(scene: &Scene, (file, range): (usize, Range<usize>), edits: &mut Edits, out: &mut String) {
-    let mut list: Vec<(Range<usize>, Result<String, (usize, Range<usize>)>)> =
-        edits.remove(&file).unwrap_or_default().into_iter().map(|(at, text)| (at, Ok(text))).collect();
+    let mut list: Vec<(Range<usize>, Change)> = edits
+        .remove(&file)
+        .unwrap_or_default()
+        .into_iter()
+        .map(|(at, text)| (at, Change::Text(text)))
+        .collect();
     let includes = scene.files.inclusions.iter().filter(|i| i.at.0 == file);
-    list.extend(includes.map(|i| (i.at.1.clone(), Err(i.of.clone()))));
+    list.extend(includes.map(|i| (i.at.1.clone(), Change::Include(i.of.0, i.of.1.clone()))));
     list.sort_by_key(|(at, _)| at.start);
     let text = scene.files.text(file);
     let mut from = range.start;
@@ -137,8 +148,8 @@ fn render(scene: &Scene, (file, range): (usize, Range<usize>), edits: &mut Edits
         }
         out.push_str(&text[from..at.start]);
         match change {
-            Ok(text) => out.push_str(&text),
-            Err(of) => render(scene, of, edits, out),
+            Change::Text(text) => out.push_str(&text),
+            Change::Include(file, range) => render(scene, (file, range), edits, out),
         }
         from = at.end;
     }
