@@ -123,6 +123,18 @@ impl PearlBsdf {
         &self.controls
     }
 
+    /// σ of the facets of interface 0, radians.
+    #[must_use]
+    pub const fn facet_slope_sd(&self) -> f64 {
+        self.facets.slope_sd()
+    }
+
+    /// Centres of the bands of the interference colours, nm; empty without them.
+    #[must_use]
+    pub fn band_centres_nm(&self) -> &[f64] {
+        &self.wavelength_nm
+    }
+
     /// f·cos θo of each shown component in linear sRGB, 1/sr.
     #[must_use]
     pub fn eval(&self, wi: Direction, wo: Direction) -> Evaluation {
@@ -148,9 +160,19 @@ impl PearlBsdf {
     /// turned into reflectances that are flat within a channel's part of the spectrum.
     #[must_use]
     pub fn eval_at(&self, wi: Direction, wo: Direction, wavelength_nm: f64) -> [f64; 4] {
+        self.shade_at(wi, wo, wavelength_nm, Viewer::AtExit)
+    }
+
+    /// [`Self::eval_seen`] at one wavelength (nm), as [`Self::eval_at`] is [`Self::eval`].
+    #[must_use]
+    pub fn eval_seen_at(&self, view: Direction, light: Direction, wavelength_nm: f64) -> [f64; 4] {
+        self.shade_at(view, light, wavelength_nm, Viewer::AtIncidence)
+    }
+
+    fn shade_at(&self, wi: Direction, wo: Direction, wavelength_nm: f64, viewer: Viewer) -> [f64; 4] {
         let Some(geometry) = self.geometry(wi, wo) else { return [0.0; 4] };
         if self.bands.is_empty() {
-            let parts = self.shade(&self.rgb, &geometry, wo, Viewer::AtExit).parts();
+            let parts = self.shade(&self.rgb, &geometry, wo, viewer).parts();
             return parts.map(|rgb| rgb.iter().sum::<f64>() / 3.0);
         }
         let nodes = &self.wavelength_nm;
@@ -158,7 +180,7 @@ impl PearlBsdf {
         let (lo, hi) = (above.saturating_sub(1), above.min(nodes.len() - 1));
         let share = if hi > lo { (wavelength_nm - nodes[lo]) / (nodes[hi] - nodes[lo]) } else { 0.0 };
         let band = |index: usize| {
-            self.shade(&self.bands[index / 3], &geometry, wo, Viewer::AtExit)
+            self.shade(&self.bands[index / 3], &geometry, wo, viewer)
                 .parts()
                 .map(|channels| channels[index % 3])
         };

@@ -2,6 +2,7 @@
 
 mod check;
 mod diff;
+mod export;
 mod info;
 mod merge;
 mod plot;
@@ -23,6 +24,7 @@ use terminal::{Outcome, Stop};
   lut slice pearl.exr --theta-i 30 --phi 0 --csv     the lobe in the plane of incidence
   lut plot pearl.exr -o figures                      Figs. 6, 7 and 10 of the paper, SVG and PNG
   lut diff pearl.exr other.exr                       exit 3 if they differ by more than their errors
+  lut export pearl.exr --to bsdf-rgb -o pearl.bsdf   for Mitsuba's `measured` and pbrt-v4; says its own error
   lut check pearl.exr                                exit 3 if something that must hold does not")]
 struct Cli {
     #[command(subcommand)]
@@ -57,6 +59,8 @@ enum Command {
     Diff(diff::DiffArgs),
     /// Try on a table what must hold of every table; exit 3 if something does not.
     Check(check::CheckArgs),
+    /// Write the table, with the look of its recipe, for other programs; prints the error of the round trip.
+    Export(export::ExportArgs),
     /// Make the table of a bake that was walked in shards, bit for bit that of one bake.
     Merge(merge::MergeArgs),
     /// Print a shell completion script.
@@ -79,6 +83,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Plot(args) => plot::run(&args, cli.manners),
         Command::Diff(args) => diff::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
