@@ -3,14 +3,18 @@
 use super::{Request, Target};
 use crate::bake::sampling::Sampling;
 use crate::recipe::Recipe;
-use crate::tally::{CellShares, Tally};
+use crate::tally::{CellShares, Cells, Tally};
+use faer::Mat;
+use lut_io::Flaw;
 use lut_io::axis::{ExitAxis, Stretched};
+use lut_io::both_sides::{BothSides, FromBelow, Passage, PerPassage};
 use lut_io::measure;
 use lut_io::table::{
     Accuracy, AzimuthMode, Component, IncidenceSummary, Lobe, Meta, SCHEMA, Solver, SummaryErrors,
     SurfaceModel, Table,
 };
-use transport::doubling::{ErrorEstimate, Solution};
+use rayon::prelude::*;
+use transport::doubling::{ErrorEstimate, Lobe as SolvedLobe, Solution};
 use transport::{Normals, Transport};
 
 /// What a solver knows of one incidence.
@@ -44,12 +48,15 @@ pub(super) fn walk_table(
 }
 
 /// The table of a doubling solution.
+///
+/// # Errors
+/// The second side of the solution does not make a valid section.
 pub(super) fn doubling_table(
     request: &Request,
     transport: &Transport,
     axis: &ExitAxis,
     solution: &Solution,
-) -> Table {
+) -> Result<Table, Flaw> {
     let incidences: Vec<Incidence> = (0..solution.lobes.len())
         .map(|i| {
             let summary = doubling_summary(solution, i, request.incident_deg[i]);
@@ -70,18 +77,205 @@ pub(super) fn doubling_table(
         "density": solution.settings.density,
     });
     let noise = vec![0.0; incidences.len()];
-    table(request, transport, axis, (Solver::Doubling, settings), incidences, &noise)
+    let mut table = table(request, transport, axis, (Solver::Doubling, settings), incidences, &noise);
+    if let Some(below) = &solution.from_below {
+        let accuracy = |i: usize| {
+            let percent = |errors: fn(&ErrorEstimate) -> &Vec<f64>, side: &Solution| {
+                side.error.as_ref().map_or(0.0, |error| 100.0 * errors(error)[i])
+            };
+            PerPassage {
+                transmitted: percent(|error| &error.transmitted, solution),
+                below_reflected: percent(|error| &error.total_variation, below),
+                below_transmitted: percent(|error| &error.transmitted, below),
+            }
+        };
+        let rows = |passage: Passage, i: usize, specular: f64| {
+            let rule = CellRule::new(axis, specular);
+            let lobe = |side: &Solution, reflected: bool| {
+                let basis = side.basis(&rule.angles, &rule.azimuths);
+                if reflected {
+                    side.interior(i, &basis) + side.rehit(i, &basis) + side.single(i, &basis)
+                } else {
+                    side.transmitted(i, &basis)
+                }
+            };
+            rule.shares(&match passage {
+                Passage::Transmitted => lobe(solution, false),
+                Passage::BelowReflected => lobe(below, true),
+                Passage::BelowTransmitted => lobe(below, false),
+            })
+        };
+        add_both_sides(&mut table, request, transport, [&solution.lobes, &below.lobes], &accuracy, &rows)?;
+    }
+    Ok(table)
+}
+
+/// Adds transmission and light from below to a table.
+///
+/// `lobes` are the totals from above and from below; `accuracy` and `rows` give the estimated errors and the shares of
+/// light by cell of one incidence and passage, whose smooth counterpart leaves at the angle that `rows` is told.
+fn add_both_sides(
+    table: &mut Table,
+    request: &Request,
+    transport: &Transport,
+    [above, below]: [&[SolvedLobe]; 2],
+    accuracy: &dyn Fn(usize) -> PerPassage,
+    rows: &(dyn Fn(Passage, usize, f64) -> Vec<f64> + Sync),
+) -> Result<(), Flaw> {
+    let axis = table.meta.exit_axis;
+    let n = &transport.indices;
+    let from_below = below.iter().zip(&request.incident_deg).enumerate();
+    let mut section = BothSides {
+        n_ambient: n[0],
+        n_substrate: n[n.len() - 1],
+        from_below: from_below
+            .map(|(i, (lobe, &theta_i_deg))| FromBelow {
+                theta_i_deg,
+                reflected: lobe.albedo,
+                transmitted: lobe.transmitted,
+                absorbed: lobe.absorbed,
+                azimuth_width_deg: PerPassage::default(),
+                accuracy_percent: accuracy(i),
+            })
+            .collect(),
+    };
+    let passages = Passage::ALL.map(|passage| {
+        let each: Vec<(Vec<f32>, f64)> = (0..below.len())
+            .into_par_iter()
+            .map(|i| {
+                let light = match passage {
+                    Passage::Transmitted => above[i].transmitted,
+                    Passage::BelowReflected => below[i].albedo,
+                    Passage::BelowTransmitted => below[i].transmitted,
+                };
+                let specular = section.specular(passage, below[i].theta_i);
+                passage_row(request, &axis, specular, light, rows(passage, i, specular))
+            })
+            .collect();
+        for ((_, width), below) in each.iter().zip(&mut section.from_below) {
+            let widths = &mut below.azimuth_width_deg;
+            match passage {
+                Passage::Transmitted => widths.transmitted = *width,
+                Passage::BelowReflected => widths.below_reflected = *width,
+                Passage::BelowTransmitted => widths.below_transmitted = *width,
+            }
+        }
+        each.into_iter().flat_map(|(values, _)| values).collect()
+    });
+    section.store(&mut table.meta)?;
+    table.passages = Some(passages);
+    Ok(())
+}
+
+/// Stored values of one passage at one incidence, and the width of its azimuth postulate (degrees).
+fn passage_row(
+    request: &Request,
+    axis: &ExitAxis,
+    specular: f64,
+    light: f64,
+    mut share: Vec<f64>,
+) -> (Vec<f32>, f64) {
+    let found: f64 = share.iter().sum();
+    if found > 0.0 {
+        share.iter_mut().for_each(|share| *share *= light.max(0.0) / found);
+    }
+    let width = match axis {
+        ExitAxis::Plane { .. } => {
+            request.recipe.azimuth.width_deg.unwrap_or(spread_deg(axis, specular, &share))
+        }
+        ExitAxis::Space { .. } => 0.0,
+    };
+    let width = if matches!(axis, ExitAxis::Plane { .. }) { width.max(NARROWEST_DEG) } else { width };
+    let extents = measure::cell_extents(axis, specular);
+    let weights = measure::reading_weights(axis, specular, width.to_radians());
+    let cells = share.len();
+    let mut shares = CellShares { share, std_error: vec![0.0; cells], count: vec![0; cells] };
+    if specular == 0.0 {
+        symmetrise(axis, &extents, &mut shares);
+    }
+    let mut lobe = Lobe::default();
+    push_row(&mut lobe, &shares, &extents, &weights);
+    (lobe.value, width)
+}
+
+/// Standard deviation of the signed exit angle over the cells, degrees.
+fn spread_deg(axis: &ExitAxis, specular: f64, share: &[f64]) -> f64 {
+    let centres = axis.columns_at(specular).centres();
+    let mean_of = |value: &dyn Fn(f64) -> f64| {
+        let light: f64 = share.iter().sum();
+        share.iter().zip(&centres).map(|(share, s)| share * value(*s)).sum::<f64>()
+            / light.max(f64::MIN_POSITIVE)
+    };
+    let mean = mean_of(&|s| s);
+    mean_of(&|s| (s - mean).powi(2)).sqrt().to_degrees()
+}
+
+/// The table of smooth interfaces (σ = 0): all light in the cell of the mirror direction, without error.
+pub(super) fn smooth_table(
+    request: &Request,
+    transport: &Transport,
+    axis: &ExitAxis,
+    lobes: &[SolvedLobe],
+    below: Option<&[SolvedLobe]>,
+) -> Result<Table, Flaw> {
+    let beam = |theta: f64, light: f64| {
+        let direction = [libm::sin(theta) as f32, 0.0, libm::cos(theta) as f32];
+        let (_, cell) = Cells::new(axis, theta).locate(direction);
+        let mut share = vec![0.0; axis.cells()];
+        share[cell] = light.max(0.0);
+        share
+    };
+    let incidences: Vec<Incidence> = lobes
+        .iter()
+        .zip(&request.incident_deg)
+        .map(|(lobe, &theta_i_deg)| {
+            let components = [lobe.albedo - lobe.surface, lobe.surface, 0.0].map(|light| CellShares {
+                share: beam(lobe.theta_i, light),
+                std_error: vec![0.0; axis.cells()],
+                count: vec![0; axis.cells()],
+            });
+            Incidence { summary: summary(lobe, theta_i_deg, SummaryErrors::default(), 0.0), components }
+        })
+        .collect();
+    let settings = serde_json::json!({ "closed_form": "smooth interfaces" });
+    let noise = vec![0.0; incidences.len()];
+    let mut table = table(request, transport, axis, (Solver::Doubling, settings), incidences, &noise);
+    if let Some(below) = below {
+        let exact = |_| PerPassage::default();
+        let rows = |_, _, specular| beam(specular, 1.0); // the totals follow
+        add_both_sides(&mut table, request, transport, [lobes, below], &exact, &rows)?;
+    }
+    Ok(table)
 }
 
 fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> IncidenceSummary {
-    let lobe = &solution.lobes[i];
     let error = solution.error.clone().unwrap_or_else(|| ErrorEstimate {
         total_variation: vec![0.0; solution.lobes.len()],
+        transmitted: Vec::new(),
         albedo: 0.0,
         mean: 0.0,
         sd: 0.0,
         skew: 0.0,
     });
+    let std_error = SummaryErrors {
+        albedo: error.albedo,
+        transmitted: error.albedo,
+        absorbed: error.albedo,
+        truncated: 0.0,
+        surface: error.albedo,
+        mean_theta_o_deg: error.mean.to_degrees(),
+        sd_theta_o_deg: error.sd.to_degrees(),
+        skew_theta_o: error.skew,
+    };
+    summary(&solution.lobes[i], theta_i_deg, std_error, 100.0 * error.total_variation[i])
+}
+
+fn summary(
+    lobe: &SolvedLobe,
+    theta_i_deg: f64,
+    std_error: SummaryErrors,
+    accuracy_percent: f64,
+) -> IncidenceSummary {
     IncidenceSummary {
         theta_i_deg,
         albedo: lobe.albedo,
@@ -93,68 +287,74 @@ fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> Incidenc
         mean_theta_o_deg: lobe.mean.to_degrees(),
         sd_theta_o_deg: lobe.sd.to_degrees(),
         skew_theta_o: lobe.skew,
-        std_error: SummaryErrors {
-            albedo: error.albedo,
-            transmitted: error.albedo,
-            absorbed: error.albedo,
-            truncated: 0.0,
-            surface: error.albedo,
-            mean_theta_o_deg: error.mean.to_degrees(),
-            sd_theta_o_deg: error.sd.to_degrees(),
-            skew_theta_o: error.skew,
-        },
+        std_error,
         paths: 0,
         azimuth_width_deg: 0.0,
-        accuracy_percent: 100.0 * error.total_variation[i],
+        accuracy_percent,
     }
 }
 
-/// Share of the incident light in each cell, by component: a Gauss rule in cell position, three points a cell on the
-/// columns and two on φ, where lobes are smoother.
-pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize) -> [Vec<f64>; 3] {
-    let theta_i = solution.lobes[incidence].theta_i;
-    let columns = axis.columns_at(theta_i);
-    let phi_axis = axis.phi_at(theta_i);
-    let (angles, mut weights) = gauss(&columns, &GAUSS_3);
-    let (azimuths, azimuth_weights) = match &phi_axis {
-        None => (vec![0.0], vec![1.0]),
-        Some(phi) => {
-            for (weight, angle) in weights.iter_mut().zip(&angles) {
-                *weight *= angle.sin();
-            }
-            // Both mirror halves.
-            let (azimuths, weights) = gauss(phi, &GAUSS_2);
-            (azimuths, weights.iter().map(|w| 2.0 * w).collect())
-        }
-    };
-    let basis = solution.basis(&angles, &azimuths);
-    let [interior, rehit, single] = [
-        solution.interior(incidence, &basis),
-        solution.rehit(incidence, &basis),
-        solution.single(incidence, &basis),
-    ];
-    let rows = axis.rows_per_incidence();
-    let (per_column, per_row) = (angles.len() / columns.cells, azimuths.len() / rows);
-    let mut shares = [const { Vec::new() }; 3];
-    for row in 0..rows {
-        for column in 0..columns.cells {
-            let (mut inner, mut hit, mut first) = (0.0, 0.0, 0.0);
-            for f in row * per_row..(row + 1) * per_row {
-                for k in column * per_column..(column + 1) * per_column {
-                    let weight = weights[k] * azimuth_weights[f];
-                    inner += weight * interior[(k, f)];
-                    hit += weight * rehit[(k, f)];
-                    first += weight * single[(k, f)];
+/// A Gauss rule over the cells around one lobe, three points a cell on the columns and two on φ, where lobes are
+/// smoother.
+struct CellRule {
+    angles: Vec<f64>,
+    azimuths: Vec<f64>,
+    weights: Vec<f64>,
+    azimuth_weights: Vec<f64>,
+    columns: usize,
+    rows: usize,
+}
+
+impl CellRule {
+    /// The rule over the cells of a row whose lobe is centred at `specular` (radians).
+    fn new(axis: &ExitAxis, specular: f64) -> Self {
+        let columns = axis.columns_at(specular);
+        let (angles, mut weights) = gauss(&columns, &GAUSS_3);
+        let (azimuths, azimuth_weights) = match &axis.phi_at(specular) {
+            None => (vec![0.0], vec![1.0]),
+            Some(phi) => {
+                for (weight, angle) in weights.iter_mut().zip(&angles) {
+                    *weight *= angle.sin();
                 }
+                // Both mirror halves.
+                let (azimuths, weights) = gauss(phi, &GAUSS_2);
+                (azimuths, weights.iter().map(|w| 2.0 * w).collect())
             }
-            // Truncated series may dip below zero where there is next to no light.
-            let (inner, hit, first) = (inner.max(0.0), hit.max(0.0), first.max(0.0));
-            for (share, value) in shares.iter_mut().zip([inner, first + hit, hit]) {
-                share.push(value);
+        };
+        let rows = axis.rows_per_incidence();
+        Self { angles, azimuths, weights, azimuth_weights, columns: columns.cells, rows }
+    }
+
+    /// Integral of a density (rows angles, columns azimuths) over each cell.
+    fn shares(&self, density: &Mat<f64>) -> Vec<f64> {
+        let per_column = self.angles.len() / self.columns;
+        let per_row = self.azimuths.len() / self.rows;
+        let mut shares = Vec::with_capacity(self.rows * self.columns);
+        for row in 0..self.rows {
+            for column in 0..self.columns {
+                let mut share = 0.0;
+                for f in row * per_row..(row + 1) * per_row {
+                    for k in column * per_column..(column + 1) * per_column {
+                        share += self.weights[k] * self.azimuth_weights[f] * density[(k, f)];
+                    }
+                }
+                // Truncated series may dip below zero where there is next to no light.
+                shares.push(share.max(0.0));
             }
         }
+        shares
     }
-    shares
+}
+
+/// Share of the incident light in each cell, by component.
+pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize) -> [Vec<f64>; 3] {
+    let rule = CellRule::new(axis, solution.lobes[incidence].theta_i);
+    let basis = solution.basis(&rule.angles, &rule.azimuths);
+    let interior = rule.shares(&solution.interior(incidence, &basis));
+    let rehit = rule.shares(&solution.rehit(incidence, &basis));
+    let single = rule.shares(&solution.single(incidence, &basis));
+    let surface = single.iter().zip(&rehit).map(|(single, rehit)| single + rehit).collect();
+    [interior, surface, rehit]
 }
 
 /// Points and weights of a Gauss rule repeated in every cell of an axis.
@@ -203,7 +403,13 @@ fn table(
         incidences.into_iter().map(|incidence| incidence.summary).collect();
     let accuracy = accuracy(request.target, &rows, &summaries);
     let [interior, surface, rehit] = lobes;
-    Table { meta: meta(request, transport, axis, solver, summaries, accuracy), interior, surface, rehit }
+    Table {
+        meta: meta(request, transport, axis, solver, summaries, accuracy),
+        interior,
+        surface,
+        rehit,
+        passages: None,
+    }
 }
 
 fn meta(
@@ -255,10 +461,11 @@ fn effects(transport: &Transport, axis: &ExitAxis) -> Vec<String> {
     effects
 }
 
+/// A lobe without spread (σ = 0, or no light at all) still needs a width to divide by.
+const NARROWEST_DEG: f64 = 1e-4;
+
 /// w of the decay postulate: the recipe's, or the standard deviation of the plane lobe at this θi.
 fn azimuth_width_deg(recipe: &Recipe, summary: &IncidenceSummary) -> f64 {
-    // A lobe without spread (σ = 0, or no light at all) still needs a width to divide by.
-    const NARROWEST_DEG: f64 = 1e-4;
     recipe.azimuth.width_deg.unwrap_or(summary.sd_theta_o_deg).max(NARROWEST_DEG)
 }
 

@@ -1,8 +1,11 @@
 //! From a recipe to a table: chooses cells and incidences, runs a solver, assembles the result.
 
 pub(crate) mod assemble;
+mod choice;
 pub mod sampling;
 pub mod snapshot;
+
+pub use choice::choose_solver;
 
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
 use crate::tally::Tally;
@@ -13,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use snapshot::Snapshot;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
-use transport::doubling;
+use transport::doubling::{self, DoublingError};
 use transport::walk::lanes::Precision;
 use transport::{Geometry, Transport};
 
@@ -82,6 +85,9 @@ pub enum BakeError {
     /// Something else that was asked for cannot be done; one line that says what would be right.
     #[error("{0}")]
     Input(String),
+    /// Doubling does not reach what was asked for; the walk may.
+    #[error("solver doubling: {0}")]
+    Doubling(#[from] DoublingError),
     /// The observer asked to stop.
     #[error("interrupted; nothing was written")]
     Interrupted,
@@ -235,11 +241,20 @@ impl Request {
     }
 }
 
+/// Which sides of the stack a bake answers for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sides {
+    /// Light from above that comes back.
+    Above,
+    /// Also what passes, and light from below: the section `both_sides` of the table.
+    Both,
+}
+
 /// Bakes with adding and doubling to the accuracy asked for.
 ///
 /// # Errors
 /// A request for paths or time, or a problem out of the solver's reach; the message says what would do.
-pub fn doubling(request: &Request) -> Result<Table, BakeError> {
+pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
     request.check()?;
     let Target::AccuracyPercent(percent) = request.target else {
         return Err(BakeError::Input(
@@ -248,39 +263,22 @@ pub fn doubling(request: &Request) -> Result<Table, BakeError> {
     };
     let transport = request.transport()?;
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    if transport.facets.slope_sd == 0.0 {
+        let lobes = doubling::smooth(&transport, &request.theta_i())?;
+        let below = match sides {
+            Sides::Above => None,
+            Sides::Both => Some(doubling::smooth(&transport.upside_down(), &request.theta_i())?),
+        };
+        return assemble::smooth_table(request, &transport, &axis, &lobes, below.as_deref()).map_err(invalid);
+    }
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
-    let solution = doubling::solve_to(&transport, request.geometry(), &request.theta_i(), share, false)
-        .map_err(|why| BakeError::Input(format!("solver doubling: {why}")))?;
-    Ok(assemble::doubling_table(request, &transport, &axis, &solution))
+    let solution =
+        doubling::solve_to(&transport, request.geometry(), &request.theta_i(), share, sides == Sides::Both)?;
+    assemble::doubling_table(request, &transport, &axis, &solution).map_err(invalid)
 }
 
-/// Which solver is cheaper for a request, and why in one sentence.
-///
-/// # Errors
-/// A bad request.
-pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeError> {
-    request.check()?;
-    let Target::AccuracyPercent(percent) = request.target else {
-        return Ok((
-            SolverChoice::Walk,
-            "paths or a time budget were asked for, which only the walk has".to_owned(),
-        ));
-    };
-    let transport = request.transport()?;
-    let geometry = request.geometry();
-    let threads = rayon::current_num_threads() as f64;
-    let share = (percent / 100.0).min(COARSEST_DOUBLING);
-    let settings = doubling::Settings::for_accuracy(&transport, geometry, share);
-    let cost = settings.cost(&transport, geometry, request.incident_deg.len());
-    // Two resolutions, the coarser at about 0.8³ of the cost.
-    let by_doubling = 1.5 * cost.seconds / threads;
-    if let Err(why) = settings.check(&transport, geometry, &request.theta_i()) {
-        return Ok((SolverChoice::Walk, format!("doubling is out of reach here: {why}")));
-    }
-    let by_walk = sampling::estimate_seconds(request, share)?;
-    let choice = if by_doubling <= by_walk { SolverChoice::Doubling } else { SolverChoice::Walk };
-    let reason = format!("doubling would take about {by_doubling:.2} s, the walk {by_walk:.2} s");
-    Ok((choice, reason))
+fn invalid(flaw: lut_io::Flaw) -> BakeError {
+    BakeError::Input(format!("the table would not be valid: {flaw}"))
 }
 
 /// Bakes with the Monte Carlo walk; goes on from `resume` where that is given. A bake that is interrupted hands its

@@ -3,7 +3,9 @@
 use super::{Manners, manners};
 use bake_brdf::bake::sampling::{Shard, State};
 use bake_brdf::bake::snapshot::{self, Snapshot};
-use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, SolverChoice, Target};
+use bake_brdf::bake::{
+    self, BakeError, Checkpoint, Observer, Progress, Request, Sides, SolverChoice, Target,
+};
 use bake_brdf::recipe::{self, AzimuthMode, Recipe};
 use lut_io::table::{Solver, Table};
 use serde_json::json;
@@ -66,6 +68,10 @@ pub(crate) struct BakeArgs {
     /// Walk one share of the paths and write its state; `lut merge` makes the table of all shares.
     #[arg(long, value_name = "I/N", requires = "paths")]
     shard: Option<String>,
+    /// Also store what passes and what becomes of light from below, so that the body under the nacre can be changed without
+    /// baking again; needs --solver doubling (or auto).
+    #[arg(long, conflicts_with_all = ["paths", "time_budget", "shard", "resume"])]
+    both_sides: bool,
     /// Say what the bake would cost and write nothing.
     #[arg(long)]
     dry_run: bool,
@@ -114,11 +120,23 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
         return snapshot.write(&output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())));
     }
     let keeper = Keeper::new(&output, args.checkpoint, &request);
-    let table = if pool.install(|| choose(args, &request, manners))? == SolverChoice::Doubling {
-        pool.install(|| bake::doubling(&request)).map_err(stop)?
-    } else {
+    let walk = || {
         let resume = if args.resume { keeper.load(manners)? } else { None };
-        pool.install(|| watched(manners, Some(&keeper), |observer| bake::walk(&request, observer, resume)))?
+        pool.install(|| watched(manners, Some(&keeper), |observer| bake::walk(&request, observer, resume)))
+    };
+    let table = if pool.install(|| choose(args, &request, manners))? == SolverChoice::Doubling {
+        let sides = if args.both_sides { Sides::Both } else { Sides::Above };
+        match (pool.install(|| bake::doubling(&request, sides)), args.solver) {
+            (Err(why @ BakeError::Doubling(_)), SolverArg::Auto) if !args.both_sides => {
+                if !manners.quiet {
+                    say(&format!("{why}; walking instead"));
+                }
+                walk()?
+            }
+            (result, _) => result.map_err(stop)?,
+        }
+    } else {
+        walk()?
     };
     lut_io::exr_file::write(&table, &output).map_err(|why| Stop::failure(why.to_string()))?;
     keeper.remove();
@@ -132,6 +150,15 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
 /// The solver asked for, or the cheaper one with the reason on stderr.
 fn choose(args: &BakeArgs, request: &Request, manners: &Manners) -> Result<SolverChoice, Stop> {
     match args.solver {
+        SolverArg::Walk if args.both_sides => Err(Stop::bad_input(
+            "--both-sides: the walk comes from above only, expected --solver doubling or auto",
+        )),
+        SolverArg::Auto if args.both_sides => {
+            if !manners.quiet {
+                say("solver doubling: both sides were asked for, which only doubling has");
+            }
+            Ok(SolverChoice::Doubling)
+        }
         SolverArg::Walk => Ok(SolverChoice::Walk),
         SolverArg::Doubling => Ok(SolverChoice::Doubling),
         SolverArg::Auto => {

@@ -33,7 +33,7 @@ pub struct Settings {
     pub reach: f64,
     /// Density of the facet quadrature; 1 resolves every basis function in full.
     pub density: f64,
-    /// Whether to keep what the stack does to light from below, too ([`super::FromBelow`]).
+    /// Whether to solve for light from below, too ([`super::Solution::from_below`]).
     pub both_sides: bool,
 }
 
@@ -133,7 +133,7 @@ impl Settings {
             modes: (0.8 * self.modes as f64).floor().max(2.0) as usize, // the plane keeps its two
             reach: 0.93 * self.reach,
             density: 0.95 * self.density,
-            both_sides: false,
+            both_sides: self.both_sides,
         }
     }
 
@@ -189,9 +189,6 @@ impl Settings {
         theta_i: &[f64],
     ) -> Result<(), DoublingError> {
         check_problem(transport, theta_i)?;
-        let domain = |field, value: f64, ok: bool, expected| {
-            if ok { Ok(()) } else { Err(DoublingError::Domain { field, value, expected }) }
-        };
         domain("nodes", self.nodes as f64, (4..=20_000).contains(&self.nodes), "from 4 to 20000")?;
         domain("modes", self.modes as f64, (1..=20_000).contains(&self.modes), "from 1 to 20000")?;
         domain("reach", self.reach, (3.0..=12.0).contains(&self.reach), "from 3 to 12 standard deviations")?;
@@ -227,10 +224,12 @@ impl Settings {
     }
 }
 
-fn check_problem(transport: &Transport, theta_i: &[f64]) -> Result<(), DoublingError> {
-    let domain = |field, value: f64, ok: bool, expected| {
-        if ok { Ok(()) } else { Err(DoublingError::Domain { field, value, expected }) }
-    };
+fn domain(field: &'static str, value: f64, ok: bool, expected: &'static str) -> Result<(), DoublingError> {
+    if ok { Ok(()) } else { Err(DoublingError::Domain { field, value, expected }) }
+}
+
+/// What every stack and incidence must be, rough or smooth.
+pub(super) fn check_stack(transport: &Transport, theta_i: &[f64]) -> Result<(), DoublingError> {
     if transport.indices.len() != transport.layers() + 2 {
         return Err(DoublingError::Shape { layers: transport.layers(), indices: transport.indices.len() });
     }
@@ -243,12 +242,12 @@ fn check_problem(transport: &Transport, theta_i: &[f64]) -> Result<(), DoublingE
     for &theta in theta_i {
         domain("theta_i", theta, (0.0..=FRAC_PI_2).contains(&theta), "from 0 to π/2")?;
     }
+    Ok(())
+}
+
+fn check_problem(transport: &Transport, theta_i: &[f64]) -> Result<(), DoublingError> {
+    check_stack(transport, theta_i)?;
     let sigma = transport.facets.slope_sd;
-    domain(
-        "slope_sd",
-        sigma,
-        sigma > 0.0,
-        "> 0 (smooth interfaces have no lobe to resolve: use the Fresnel closed form)",
-    )?;
-    domain("slope_sd", sigma, sigma <= 0.61, "at most 0.61 (35°)")
+    domain("slope_sd", sigma, sigma > 0.0, "> 0 (smooth interfaces have no lobe to resolve: see `smooth`)")?;
+    domain("slope_sd", sigma, sigma <= 0.61, "at most 0.61 rad (35°); the walk goes to 55°")
 }
