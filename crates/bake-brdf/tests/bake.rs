@@ -373,3 +373,47 @@ fn both_solvers_write_the_same_lobe() {
         );
     }
 }
+
+#[test]
+fn a_table_holds_the_effects_asked_for_and_no_others() {
+    let listed = |list: &str| {
+        bake_recipe(ABSORBING, &["--paths", "20000", "--incident-deg", "0,60", "--effects", list])
+    };
+    let whole = listed("blur,absorption,body");
+    assert_eq!(whole.meta.effects, ["surface", "blur", "azimuth", "absorption", "body"]);
+    let clear = listed("blur");
+    assert_eq!(clear.meta.effects, ["surface", "blur", "azimuth"]);
+    let surface = listed("surface");
+    assert_eq!(surface.meta.effects, ["surface"]);
+    for ((whole, clear), surface) in
+        whole.meta.per_incidence.iter().zip(&clear.meta.per_incidence).zip(&surface.meta.per_incidence)
+    {
+        assert!(whole.absorbed > 0.1 && clear.absorbed == 0.0, "{whole:?} {clear:?}");
+        assert!(clear.albedo > clear.surface + 0.01, "{clear:?}");
+        assert_eq!(surface.albedo, surface.surface, "nothing comes back from below");
+        // The same flat walk meets the same first facet: 20,000 paths, 5 standard errors.
+        assert!((surface.surface - clear.surface).abs() < 5.0 * (0.1_f64 * 0.9 / 20_000.0).sqrt());
+    }
+    let none = listed("body");
+    assert_eq!(none.meta.effects, ["body"]);
+    assert!(none.interior.value.iter().chain(&none.surface.value).all(|value| *value == 0.0));
+    assert!(none.meta.per_incidence.iter().all(|row| row.albedo == 0.0 && row.transmitted == 1.0));
+}
+
+const ABSORBING: &str = r#"{"stack":{"layers":40,"aragonite":{"n":1.9},"conchiolin":{"k":0.1}}}"#;
+
+#[test]
+fn effects_that_cannot_be_baked_are_refused_in_one_line() {
+    let folder = folder();
+    for (list, said) in [
+        ("glitter", "--effects: \"glitter\" is no effect; expected all, or a list of surface, blur"),
+        ("blur,,body", "--effects: \"\" is no effect"),
+        ("azimuth:flat", "--effects: azimuth:flat is no azimuth; expected azimuth:decay or azimuth:walk"),
+    ] {
+        let output = tool(folder.path(), &["--effects", list]);
+        let line = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{list}: {line}");
+        assert!(line.contains(said) && line.trim_end().lines().count() == 1, "{list}: {line}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).expect("the folder reads").count(), 0);
+}

@@ -2,6 +2,7 @@
 
 use super::{Request, Target};
 use crate::bake::sampling::Sampling;
+use crate::effects::{Effect, EffectSet};
 use crate::recipe::Recipe;
 use crate::tally::{CellShares, Cells, Tally};
 use faer::Mat;
@@ -248,6 +249,21 @@ pub(super) fn smooth_table(
     Ok(table)
 }
 
+/// The table of a pearl that shows no lobe.
+pub(super) fn lobeless_table(request: &Request, transport: &Transport, axis: &ExitAxis) -> Table {
+    let incidences = request.incident_deg.iter().map(|&theta_i_deg| Incidence {
+        summary: IncidenceSummary { theta_i_deg, transmitted: 1.0, ..IncidenceSummary::default() },
+        components: Component::ALL.map(|_| CellShares {
+            share: vec![0.0; axis.cells()],
+            std_error: vec![0.0; axis.cells()],
+            count: vec![0; axis.cells()],
+        }),
+    });
+    let noise = vec![0.0; request.incident_deg.len()];
+    let solver = (Solver::Doubling, serde_json::json!({ "lobe": "none" }));
+    table(request, transport, axis, solver, incidences.collect(), &noise)
+}
+
 fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> IncidenceSummary {
     let error = solution.error.clone().unwrap_or_else(|| ErrorEstimate {
         total_variation: vec![0.0; solution.lobes.len()],
@@ -443,22 +459,16 @@ fn meta(
                 Normals::Visible => "visible".to_owned(),
             },
         },
-        effects: effects(transport, axis),
+        effects: held(request),
         per_incidence,
         extra: serde_json::Map::new(),
     }
 }
 
-fn effects(transport: &Transport, axis: &ExitAxis) -> Vec<String> {
-    let mut effects = vec!["surface".to_owned(), "blur".to_owned()];
-    effects.push(match axis {
-        ExitAxis::Plane { .. } => "azimuth:decay".to_owned(),
-        ExitAxis::Space { .. } => "azimuth:walk".to_owned(),
-    });
-    if transport.absorbs() {
-        effects.push("absorption".to_owned());
-    }
-    effects
+/// Names of the effects that a table of this request holds: interference colours only once they are stored.
+fn held(request: &Request) -> Vec<String> {
+    let colours = [Effect::Coherent, Effect::Illuminant, Effect::Irregularity];
+    colours.into_iter().fold(request.effects, EffectSet::without).names()
 }
 
 /// A lobe without spread (σ = 0, or no light at all) still needs a width to divide by.
