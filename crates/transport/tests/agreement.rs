@@ -228,3 +228,60 @@ fn the_statistics_see_what_is_wrong() {
     assert!(chi_square_p(&[500.0, 300.0, 200.0], &shares, 1000.0) > 0.99);
     assert!(chi_square_p(&[550.0, 270.0, 180.0], &shares, 1000.0) < 0.01);
 }
+
+/// Shares within 4.5 standard errors (p = 7e-6 each of about 150).
+#[test]
+fn hard_settings_are_solved_as_they_are_walked() {
+    let d = f64::to_radians;
+    let mut dark = Transport::alternating(5, 1.53, 1.43, 1.53, d(4.0));
+    dark.optical_depths = vec![10.0, 3.0, 10.0, 0.0, 1e3];
+    let mut narrow = Transport::alternating(8, 1.53, 1.43, 1.53, d(1.0));
+    narrow.optical_depths[3] = 0.01;
+    for (name, transport, paths) in [
+        ("one layer", Transport::alternating(1, 1.53, 1.43, 1.43, d(2.0)), 60_000),
+        ("100,000 layers", Transport::alternating(100_000, 1.53, 1.43, 1.53, d(3.0)), 600),
+        ("slopes of 25 degrees", Transport::alternating(20, 1.53, 1.43, 1.53, d(25.0)), 60_000),
+        ("slopes of 1 degree, not periodic", narrow, 60_000),
+        ("contrast of 1e-6", Transport::alternating(100, 1.53, 1.529_999, 1.53, d(4.0)), 20_000),
+        ("black layers", dark, 60_000),
+    ] {
+        for geometry in [Geometry::Plane, Geometry::Space] {
+            let theta_i = [0.0, d(60.0), d(89.0), d(89.99)];
+            let solution = solve_to(&transport, geometry, &theta_i, 5e-3, false).unwrap();
+            let walker = Walker::new(&transport, geometry, Precision::Auto, None).unwrap();
+            let nothing = Exit { direction: [0.0; 3], weight: 0.0, fate: Fate::Truncated };
+            let mut exits = vec![nothing; paths];
+            for (lobe, theta) in solution.lobes.iter().zip(theta_i) {
+                walker.run(theta, SEED, 0..paths as u64, u32::MAX, &mut exits);
+                for (what, share, fates) in [
+                    ("surface", lobe.surface, &[Fate::Single, Fate::Rehit][..]),
+                    ("interior", lobe.albedo - lobe.surface, &[Fate::Interior]),
+                    ("transmitted", lobe.transmitted, &[Fate::Transmitted]),
+                ] {
+                    let weights =
+                        exits.iter().map(|e| if fates.contains(&e.fate) { f64::from(e.weight) } else { 0.0 });
+                    let (sum, square) = weights.fold((0.0, 0.0), |(s, q), w| (s + w, q + w * w));
+                    let (n, mean) = (paths as f64, sum / paths as f64);
+                    // Where no path of a few got there, a share of 1/n may still be expected.
+                    let error = ((square / n - mean * mean).max(share / n) / n).sqrt();
+                    assert!(
+                        (mean - share).abs() < 4.5 * error + 1e-6,
+                        "{name}, {geometry:?}, {:.2}°: {what} {share} solved, {mean} ± {error} walked",
+                        theta.to_degrees()
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// What one affordable plan cannot hold is refused before any work, with what would do.
+#[test]
+fn a_tenth_of_a_degree_in_space_is_refused_with_its_price() {
+    let narrow = Transport::alternating(500, 1.53, 1.43, 1.53, 0.1_f64.to_radians());
+    let refused = solve_to(&narrow, Geometry::Space, &[0.5], 1e-3, false).unwrap_err().to_string();
+    assert!(
+        refused.contains("0.1°") && refused.contains("GiB") && refused.contains("use the walk"),
+        "{refused}"
+    );
+}

@@ -119,15 +119,17 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
         Some(Shard { index, count }) => format!("pearl-{index}-of-{count}.shard").into(),
     });
     writable(&output)?;
-    manners::watch_for_interrupts()?;
     let started = Instant::now();
     if let Some(shard) = shard {
+        manners::watch_for_interrupts()?;
         let snapshot = pool
             .install(|| watched(manners, None, |observer| snapshot::walk_shard(&request, shard, observer)))?;
         return snapshot.write(&output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())));
     }
     let keeper = Keeper::new(&output, args.checkpoint, &request);
     let walk = || {
+        // Only the walk has something to keep when it is interrupted; doubling just ends.
+        manners::watch_for_interrupts()?;
         let resume = if args.resume { keeper.load(manners)? } else { None };
         pool.install(|| watched(manners, Some(&keeper), |observer| bake::walk(&request, observer, resume)))
     };
