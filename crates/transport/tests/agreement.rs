@@ -262,8 +262,9 @@ fn hard_settings_are_solved_as_they_are_walked() {
                         exits.iter().map(|e| if fates.contains(&e.fate) { f64::from(e.weight) } else { 0.0 });
                     let (sum, square) = weights.fold((0.0, 0.0), |(s, q), w| (s + w, q + w * w));
                     let (n, mean) = (paths as f64, sum / paths as f64);
-                    // Where no path of a few got there, a share of 1/n may still be expected.
-                    let error = ((square / n - mean * mean).max(share / n) / n).sqrt();
+                    // Of a few paths' share the sample says too little: Poisson's law of the expected count instead.
+                    let faint = if share * n < LEAST { share } else { 0.0 };
+                    let error = ((square / n - mean * mean).max(faint) / n).sqrt();
                     assert!(
                         (mean - share).abs() < 4.5 * error + 1e-6,
                         "{name}, {geometry:?}, {:.2}°: {what} {share} solved, {mean} ± {error} walked",

@@ -1,11 +1,11 @@
 //! `--solver auto`: the cheaper solver, by counting operations.
 //!
-//! Nothing is timed. The doubling's cost comes from [`doubling::Settings::cost`], the walk's from the crossings and
+//! Nothing is timed. The doubling's cost comes from [`Settings::cost`], the walk's from the crossings and
 //! paths that a few scouts find it needs; both in seconds of the same core. So the choice, and with it the bytes of the
 //! table, depend on the request alone: not on the machine, its load, or the number of threads.
 
-use super::{BakeError, COARSEST_DOUBLING, Observer, Request, SolverChoice, Target, sampling};
-use transport::doubling::{self, Settings};
+use super::{BakeError, COARSEST_DOUBLING, Request, SolverChoice, Target, sampling};
+use transport::doubling::Settings;
 use transport::walk::lanes::Precision;
 use transport::{Geometry, Normals, Transport};
 
@@ -54,7 +54,7 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
 }
 
 /// Seconds of one core that doubling takes, its error estimate and the table included.
-fn doubling_seconds(request: &Request, transport: &Transport, settings: &doubling::Settings) -> f64 {
+fn doubling_seconds(request: &Request, transport: &Transport, settings: &Settings) -> f64 {
     let geometry = request.geometry();
     let incidences = request.incident_deg.len();
     let row = if geometry == Geometry::Plane { PLANE_ROW } else { SPACE_ROW };

@@ -16,11 +16,16 @@ const LARGEST_PLAN: f64 = 6.0 * (1u64 << 30) as f64;
 const LONGEST_PLAN: f64 = 3600.0;
 
 /// Seconds of one AVX-512 core behind [`Cost::seconds`]: a floating-point operation in a matrix product, a Legendre
-/// term of a tilt, a facet in space, and the rehit lobe of one grazing incidence.
+/// term of a tilt, a facet in space, an incidence, and the rehit lobe of one grazing incidence
+/// (`cargo run --release -p transport --example doubling_cost`).
 const OPERATION: f64 = 6e-11;
 const PLANE_TERM: f64 = 2e-9;
 const FACET: f64 = 2e-7;
+const PLANE_INCIDENCE: f64 = 1e-4;
+const SPACE_INCIDENCE: f64 = 1.3e-3;
 const REHIT: f64 = 6e-3;
+/// Nodes below which products and solves fall behind the machine's rate: they take 1 + this/N times as long.
+const SMALL: f64 = 80.0;
 
 /// Resolution of the solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,13 +173,21 @@ impl Settings {
             Geometry::Plane => columns * facets * n * 4.0 * PLANE_TERM,
             Geometry::Space => columns * facets * (1.6 * n * (modes + 12.0) * OPERATION + FACET),
         };
-        let adding =
-            modes * n * n * n * (10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64) * OPERATION;
+        let adding = (1.0 + SMALL / n)
+            * modes
+            * n
+            * n
+            * n
+            * (10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64)
+            * OPERATION;
         let grazing = (6.0 * sigma / FRAC_PI_2).min(1.0) * incidences as f64;
-        let rehit = if geometry == Geometry::Plane { 0.0 } else { grazing * REHIT };
+        let lobes = match geometry {
+            Geometry::Plane => PLANE_INCIDENCE * incidences as f64,
+            Geometry::Space => SPACE_INCIDENCE * incidences as f64 + grazing * REHIT,
+        };
         Cost {
             bytes: 8.0 * n * modes * (2.5 * columns + 3.0 * incidences as f64) + 200.0 * n * n * 8.0,
-            seconds: kernels + adding + rehit,
+            seconds: kernels + adding + lobes,
         }
     }
 
