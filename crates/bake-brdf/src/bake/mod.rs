@@ -2,13 +2,16 @@
 
 pub(crate) mod assemble;
 mod choice;
+mod halfway;
 pub mod sampling;
+mod second_side;
 pub mod snapshot;
 
 pub use choice::choose_solver;
 
 use crate::effects::{Decisions, Effect, EffectSet, View};
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
+use crate::spectra::{self, Colours, Wanted};
 use crate::tally::Tally;
 use lut_io::axis::{ExitAxis, MAX_WIDTH};
 use lut_io::table::Table;
@@ -66,6 +69,8 @@ pub struct Request {
     pub recipe: Recipe,
     /// What of it is baked.
     pub effects: EffectSet,
+    /// Whether the effects were listed by name: then one that this stack cannot have is an error.
+    pub listed: bool,
     /// Angles of incidence, degrees, ascending, within [0, 90].
     pub incident_deg: Vec<f64>,
     /// When to stop.
@@ -234,6 +239,12 @@ impl Request {
         self.incident_deg.iter().map(|angle| angle.to_radians()).collect()
     }
 
+    /// The interference colours that the effects call for.
+    pub(crate) fn colours(&self) -> Result<Colours, BakeError> {
+        let wanted = Wanted::by_effects(self.effects, self.listed);
+        spectra::of(&self.recipe, wanted).map_err(|why| BakeError::Input(why.to_string()))
+    }
+
     pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
         self.check()?;
         let transport = self.transport()?;
@@ -254,13 +265,26 @@ impl Request {
     }
 }
 
-/// Which sides of the stack a bake answers for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sides {
-    /// Light from above that comes back.
-    Above,
-    /// Also what passes, and light from below: the section `both_sides` of the table.
-    Both,
+/// Names what a bake of this request by this solver holds: equal for equal tables (`content_hash` of the metadata).
+///
+/// SHA-256 over the version, the recipe and all that the numbers depend on, in hexadecimal.
+#[must_use]
+pub fn content_hash(request: &Request, solver: SolverChoice) -> String {
+    use sha2::Digest as _;
+    // Without a lobe neither incidences nor accuracy nor seed matter.
+    let lobe = request.effects.has_lobe().then(|| {
+        let walk = (request.seed, request.event_cap, request.precision);
+        let walk = (solver != SolverChoice::Doubling).then_some(walk);
+        (solver, &request.incident_deg, request.target, walk)
+    });
+    let content = serde_json::json!({
+        "writer": concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")),
+        "recipe": request.recipe.to_json(),
+        "effects": request.effects,
+        "lobe": lobe,
+    });
+    let digest = sha2::Sha256::digest(content.to_string().as_bytes());
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The effects that a recipe's own look calls for.
@@ -282,38 +306,55 @@ fn lobeless(request: &Request) -> Result<Table, BakeError> {
     Ok(assemble::lobeless_table(&request, &transport, &axis))
 }
 
+/// Which sides of the stack a bake answers for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sides {
+    /// Light from above that comes back.
+    Above,
+    /// Also what passes, and light from below: the section `both_sides` of the table.
+    Both,
+}
+
 /// Bakes with adding and doubling to the accuracy asked for.
 ///
 /// # Errors
 /// A request for paths or time, or a problem out of the solver's reach; the message says what would do.
 pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
+    if !request.effects.has_lobe() && sides == Sides::Both {
+        let line = "both-sides: the effects leave no lobe, expected surface or blur among them";
+        return Err(BakeError::Input(line.to_owned()));
+    }
     if !request.effects.has_lobe() {
-        if sides == Sides::Both {
-            let line = "both-sides: the effects leave no lobe, expected surface or blur among them";
-            return Err(BakeError::Input(line.to_owned()));
-        }
-        return lobeless(request);
+        return coloured(request, lobeless(request)?, &request.colours()?);
     }
     request.check()?;
     let Target::AccuracyPercent(percent) = request.target else {
-        return Err(BakeError::Input(
-            "doubling walks no paths: give it --accuracy, not --paths or --time-budget".to_owned(),
-        ));
+        return Err(BakeError::Input(NO_PATHS.to_owned()));
     };
     let transport = request.transport()?;
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    // Before the lobe, so that a refusal comes before the work.
+    let colours = request.colours()?;
     if transport.facets.slope_sd == 0.0 {
         let lobes = doubling::smooth(&transport, &request.theta_i())?;
         let below = match sides {
             Sides::Above => None,
             Sides::Both => Some(doubling::smooth(&transport.upside_down(), &request.theta_i())?),
         };
-        return assemble::smooth_table(request, &transport, &axis, &lobes, below.as_deref()).map_err(invalid);
+        let table = second_side::smooth_table(request, &transport, &axis, &lobes, below.as_deref());
+        return coloured(request, table.map_err(invalid)?, &colours);
     }
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
-    let solution =
-        doubling::solve_to(&transport, request.geometry(), &request.theta_i(), share, sides == Sides::Both)?;
-    assemble::doubling_table(request, &transport, &axis, &solution).map_err(invalid)
+    let mut theta_i = request.theta_i();
+    let intervals = halfway::intervals(&theta_i);
+    theta_i.extend(halfway::middles(&theta_i, &intervals));
+    let both_sides = sides == Sides::Both;
+    let solution = doubling::solve_to(&transport, request.geometry(), &theta_i, share, both_sides)?;
+    let mut table = assemble::doubling_table(request, &transport, &axis, &solution, &intervals);
+    if let Some(below) = &solution.from_below {
+        second_side::add(&mut table, request, &transport, &solution, below).map_err(invalid)?;
+    }
+    coloured(request, table, &colours)
 }
 
 fn invalid(flaw: lut_io::Flaw) -> BakeError {
@@ -331,15 +372,29 @@ pub fn walk(
     resume: Option<Snapshot>,
 ) -> Result<Table, BakeError> {
     if !request.effects.has_lobe() {
-        return lobeless(request);
+        return coloured(request, lobeless(request)?, &request.colours()?);
     }
     let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    // Before the lobe, so that a refusal comes before the work.
+    let colours = request.colours()?;
     let result = walk_target(request, &mut sampling, observer, resume);
     if let (Err(BakeError::Interrupted), Some(checkpoint)) = (&result, &observer.checkpoint) {
         (checkpoint.keep)(&sampling.state());
     }
     result?;
-    Ok(assemble::walk_table(request, &transport, &axis, &sampling))
+    coloured(request, assemble::walk_table(request, &transport, &axis, &sampling), &colours)
+}
+
+/// Adds the colours; thicknesses matter to nothing else, so that irregularity is held if a colour is.
+fn coloured(request: &Request, mut table: Table, colours: &Colours) -> Result<Table, BakeError> {
+    colours.store(&mut table.meta).map_err(|flaw| BakeError::Input(flaw.to_string()))?;
+    let held = |effect: Effect| match effect {
+        Effect::Coherent | Effect::Illuminant => colours.effects().contains(effect),
+        Effect::Irregularity => colours.effects() != EffectSet::NONE,
+        _ => true,
+    };
+    table.meta.effects = request.effects.iter().filter(|effect| held(*effect)).collect::<EffectSet>().names();
+    Ok(table)
 }
 
 fn walk_target(
@@ -370,6 +425,8 @@ pub struct Forecast {
     pub paths: u64,
     /// Bytes of the table before compression.
     pub bytes: u64,
+    /// Cells over all incidences.
+    pub cells: u64,
 }
 
 /// Predicts the cost of a bake without doing it.
@@ -378,11 +435,47 @@ pub struct Forecast {
 /// As [`walk`].
 pub fn forecast(request: &Request, observer: &Observer<'_>) -> Result<Forecast, BakeError> {
     if !request.effects.has_lobe() {
-        return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0 });
+        return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0, cells: 0 });
     }
     let (mut sampling, _, axis) = request.sampling(Shard::WHOLE)?;
     let (seconds, paths) = sampling.forecast(request.target, observer)?;
     let cells = axis.cells() as u64 * request.incident_deg.len() as u64;
     // Three components of value, error and count, and four coordinates, four bytes each.
-    Ok(Forecast { seconds, paths, bytes: cells * 13 * 4 })
+    Ok(Forecast { seconds, paths, bytes: cells * 13 * 4, cells })
 }
+
+/// Predicts the cost of a bake by a solver: the walk's from a pilot, doubling's from its operation count.
+///
+/// # Errors
+/// As [`walk`] and [`doubling`].
+pub fn forecast_of(
+    request: &Request,
+    solver: SolverChoice,
+    observer: &Observer<'_>,
+) -> Result<Forecast, BakeError> {
+    if solver != SolverChoice::Doubling || !request.effects.has_lobe() {
+        return forecast(request, observer);
+    }
+    let transport = request.transport()?;
+    let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    let cells = axis.cells() as u64 * request.incident_deg.len() as u64;
+    let seconds = doubling_seconds(request, &transport)?;
+    Ok(Forecast { seconds, paths: 0, bytes: cells * 13 * 4, cells })
+}
+
+/// Wall-clock seconds that doubling takes to the accuracy of a request.
+fn doubling_seconds(request: &Request, transport: &Transport) -> Result<f64, BakeError> {
+    let Target::AccuracyPercent(percent) = request.target else {
+        return Err(BakeError::Input(NO_PATHS.to_owned()));
+    };
+    if transport.facets.slope_sd == 0.0 {
+        return Ok(0.0); // a closed form
+    }
+    let share = (percent / 100.0).min(COARSEST_DOUBLING);
+    let settings = doubling::Settings::for_accuracy(transport, request.geometry(), share);
+    let cost = settings.cost(transport, request.geometry(), request.incident_deg.len());
+    // Two resolutions, the coarser at about 0.8³ of the cost.
+    Ok(1.5 * cost.seconds / rayon::current_num_threads() as f64)
+}
+
+const NO_PATHS: &str = "doubling walks no paths: give it --accuracy, not --paths or --time-budget";
