@@ -81,6 +81,7 @@ fn grid(
     recipe.azimuth.mode = azimuth;
     let at = |percent: f64| Request {
         effects: bake::effects_of(&recipe),
+        listed: false,
         recipe: recipe.clone(),
         incident_deg: incident_deg.to_vec(),
         target: Target::AccuracyPercent(percent),
