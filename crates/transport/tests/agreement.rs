@@ -5,6 +5,8 @@
 //! p-value. Under agreement p-values are uniform: that is tried by the Kolmogorov–Smirnov test, and the smallest by
 //! Bonferroni's bound. The seed is fixed, so a run passes or fails for good.
 
+#![allow(clippy::print_stdout)] // every p-value, for those who look
+
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use statrs::distribution::{ChiSquared, ContinuousCDF as _};
