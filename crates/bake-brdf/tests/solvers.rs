@@ -14,7 +14,9 @@ fn tool(folder: &Path, args: &[&str]) -> Output {
 fn bake(recipe: &str, args: &[&str]) -> (Table, String) {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("recipe.json"), recipe).unwrap();
-    let output = tool(folder.path(), &[&["recipe.json", "-o", "pearl.exr"], args].concat());
+    // No colours: they have tests of their own.
+    let all = [&["recipe.json", "-o", "pearl.exr", "--effects", "surface,blur,absorption"], args].concat();
+    let output = tool(folder.path(), &all);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success(), "{recipe} {args:?}: {said}");
     (exr_file::read(&folder.path().join("pearl.exr")).unwrap(), said)
