@@ -118,9 +118,13 @@ STACKS = {
 @pytest.mark.parametrize("geometry", ["plane", "space"])
 @pytest.mark.parametrize("name", STACKS)
 def test_other_stacks_agree_with_doubling(name, geometry, tmp_path):
+    """4.5 standard errors: of 630 comparisons one exceeds them once in 230 runs. (Stacks share their random numbers, so
+    an outlier at the first interface shows in all of them.)"""
     incidences = ["--azimuth", AZIMUTH[geometry], "--incident-deg", "0,30,60,85,89.9"]
-    walked = bake(tmp_path, "walk", "--paths", 400_000, *incidences, recipe=STACKS[name])
-    solved = bake(tmp_path, "doubling", "--solver", "doubling", "--accuracy", 0.1, *incidences, recipe=STACKS[name])
+    walked = bake(tmp_path, "walk", "--paths", 1_000_000, *incidences, recipe=STACKS[name])
+    # Lobes half a degree wide are beyond the solver's memory at 0.1 % in space.
+    accuracy = 1 if name == "half_a_degree" else 0.1
+    solved = bake(tmp_path, "doubling", "--solver", "doubling", "--accuracy", accuracy, *incidences, recipe=STACKS[name])
     worst = 0.0
     fields = ["albedo", "transmitted", "absorbed", "surface", *MOMENTS.values()]
     for walk, truth in zip(info(walked)["per_incidence"], info(solved)["per_incidence"], strict=True):
