@@ -9,14 +9,12 @@
 //! - Ê ∝ (1/cos θ) ∫|E(z)|² dz over the layers for a unit wave entering at θ (reciprocity; uniform sources), with unit
 //!   mean over the bands.
 
-mod cie;
-
 use crate::recipe::{Count, Recipe, RecipeError};
 use lut_io::spectra::Spectra;
 use rayon::prelude::*;
 use thinfilm::{
     Gain, Incidence, Layer, Material, MaterialError, Multilayer, Polarisation, Run, Stack, StackError,
-    StackLayer, StackRun, WaveError,
+    StackLayer, StackRun, WaveError, colour,
 };
 use transport::Transport;
 
@@ -138,8 +136,8 @@ impl Members {
         // 1/cos θ drops out of the unit mean. Without layers to emit there is no hue either.
         let illuminant: Vec<f64> = emission.iter().map(|e| if mean > 0.0 { e / mean } else { 1.0 }).collect();
         Ok(Angle {
-            modulation_rgb: cie::linear_srgb(&nm, &modulation).map(|c| c.clamp(0.0, most)),
-            illuminant_rgb: cie::linear_srgb(&emission_nm, &illuminant).map(|c| c.max(0.0)),
+            modulation_rgb: colour::linear_srgb_of(&metres(&nm), &modulation).map(|c| c.clamp(0.0, most)),
+            illuminant_rgb: colour::linear_srgb_of(&metres(&emission_nm), &illuminant).map(|c| c.max(0.0)),
             modulation: band_means(&modulation),
             illuminant: band_means(&illuminant),
             incoherent,
@@ -168,6 +166,10 @@ impl Members {
         }
         Ok((nm, values))
     }
+}
+
+fn metres(nm: &[f64]) -> Vec<f64> {
+    nm.iter().map(|nm| nm * 1e-9).collect()
 }
 
 fn band_means(values: &[f64]) -> Vec<f64> {
