@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The walk side by side with its peers, in one run: ns of CPU a crossing, and whether all give the same albedo.
 
-    cargo build --release -p bake-brdf --example walk_rate
+    cargo build --release -p transport --example walk_rate
     pip install drjit numba numpy          # Dr.Jit needs libLLVM 15 or newer
     python3 tools/peers/run.py [--repeats 3] [--extra "python3 other.py --preset tuned" ...]
 
@@ -79,7 +79,7 @@ def main():
     parser.add_argument("--extra", action="append", default=[], help="a further command to compare with")
     o = parser.parse_args()
     if not RATE.exists():
-        sys.exit(f"{RATE} is missing: cargo build --release -p bake-brdf --example walk_rate")
+        sys.exit(f"{RATE} is missing: cargo build --release -p transport --example walk_rate")
     agree = [compare(o, theta, dim) for dim in o.dim for theta in o.theta]
     sys.exit(0 if all(agree) else 3)
 

@@ -1,7 +1,10 @@
 //! Recipe, plan, solvers and bake of the nacre light walk.
 
 pub mod bake;
+pub mod effects;
+pub mod plan;
 pub mod recipe;
+pub mod scene;
 pub mod spectra;
 pub mod study;
 pub mod tally;

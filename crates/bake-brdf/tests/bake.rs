@@ -144,6 +144,39 @@ fn the_reader_returns_the_walks_albedo_and_normal_incidence_has_no_azimuth() {
     }
 }
 
+/// Largest total variation (per cent) between a table and bakes with incidences half-way between its own.
+fn error_half_way(table: &Table, args: &[&str]) -> f64 {
+    let nodes = table.theta_i();
+    let middles: Vec<String> =
+        nodes.windows(2).map(|two| (0.5 * (two[0] + two[1])).to_degrees().to_string()).collect();
+    let list = middles.join(",");
+    let truth = bake_recipe("{}", &[args, &["--incident-deg", &list]].concat());
+    let (truth, table) = (Interpolant::new(truth), Interpolant::new(table.clone()));
+    lut_io::diff::diff(&truth, &table).worst_total_variation_percent
+}
+
+#[test]
+fn the_stored_interpolation_error_is_what_reading_half_way_misses() {
+    for (mode, incidences) in
+        [("decay", "0:80:20"), ("decay", "0:90:5"), ("walk", "0:80:20"), ("walk", "20,30,60")]
+    {
+        let exact = ["--azimuth", mode, "--solver", "doubling", "--accuracy", "0.1"];
+        let stored = |table: &Table| table.meta.accuracy.interpolation_percent;
+        let solved = bake_recipe("{}", &[&exact[..], &["--incident-deg", incidences]].concat());
+        let truth = error_half_way(&solved, &exact);
+        assert!(
+            (stored(&solved) / truth - 1.0).abs() < 0.1,
+            "{mode} {incidences}: {} {truth}",
+            stored(&solved)
+        );
+        if mode == "decay" {
+            // A walk knows it as well, whatever its own noise.
+            let walked = bake_recipe("{}", &["--paths", "2000", "--incident-deg", incidences]);
+            assert!((stored(&walked) / truth - 1.0).abs() < 0.1, "{incidences}: {} {truth}", stored(&walked));
+        }
+    }
+}
+
 #[test]
 fn bad_input_is_one_line_and_exit_2_and_harms_nothing() {
     let folder = folder();
@@ -371,5 +404,104 @@ fn both_solvers_write_the_same_lobe() {
             "{mode}: {} over {cells} cells",
             sum / cells
         );
+    }
+}
+
+#[test]
+fn a_table_holds_the_effects_asked_for_and_no_others() {
+    let listed = |list: &str| {
+        bake_recipe(ABSORBING, &["--paths", "20000", "--incident-deg", "0,60", "--effects", list])
+    };
+    let whole = listed("blur,absorption,body");
+    assert_eq!(whole.meta.effects, ["surface", "blur", "azimuth", "absorption", "body"]);
+    let clear = listed("blur");
+    assert_eq!(clear.meta.effects, ["surface", "blur", "azimuth"]);
+    let surface = listed("surface");
+    assert_eq!(surface.meta.effects, ["surface"]);
+    for ((whole, clear), surface) in
+        whole.meta.per_incidence.iter().zip(&clear.meta.per_incidence).zip(&surface.meta.per_incidence)
+    {
+        assert!(whole.absorbed > 0.1 && clear.absorbed == 0.0, "{whole:?} {clear:?}");
+        assert!(clear.albedo > clear.surface + 0.01, "{clear:?}");
+        assert_eq!(surface.albedo, surface.surface, "nothing comes back from below");
+        // The same flat walk meets the same first facet: 20,000 paths, 5 standard errors.
+        assert!((surface.surface - clear.surface).abs() < 5.0 * (0.1_f64 * 0.9 / 20_000.0).sqrt());
+    }
+    let none = listed("body");
+    assert_eq!(none.meta.effects, ["body"]);
+    assert!(none.interior.value.iter().chain(&none.surface.value).all(|value| *value == 0.0));
+    assert!(none.meta.per_incidence.iter().all(|row| row.albedo == 0.0 && row.transmitted == 1.0));
+}
+
+const ABSORBING: &str = r#"{"stack":{"layers":40,"aragonite":{"n":1.9},"conchiolin":{"k":0.1}}}"#;
+
+#[test]
+fn effects_that_cannot_be_baked_are_refused_in_one_line() {
+    let folder = folder();
+    for (list, said) in [
+        ("glitter", "--effects: \"glitter\" is no effect; expected all, or a list of surface, blur"),
+        ("blur,,body", "--effects: \"\" is no effect"),
+        ("azimuth:flat", "--effects: azimuth:flat is no azimuth; expected azimuth:decay or azimuth:walk"),
+    ] {
+        let output = tool(folder.path(), &["--effects", list]);
+        let line = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{list}: {line}");
+        assert!(line.contains(said) && line.trim_end().lines().count() == 1, "{list}: {line}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).expect("the folder reads").count(), 0);
+}
+
+/// (has a modulation, has an illuminant).
+fn colours(table: &Table) -> (bool, bool) {
+    lut_io::spectra::Spectra::of(&table.meta)
+        .expect("the section is valid")
+        .map_or((false, false), |spectra| (spectra.coherent.is_some(), spectra.illuminant.is_some()))
+}
+
+#[test]
+fn each_interference_colour_is_in_the_file_exactly_when_it_is_called_for() {
+    let args = ["--paths", "1000", "--incident-deg", "0,60"];
+    let look = |depth: f64, coherence: f64| {
+        let text =
+            format!(r#"{{"stack":{{"layers":6}},"look":{{"depth":{depth},"coherence":{coherence}}}}}"#);
+        bake_recipe(&text, &args)
+    };
+    for (depth, coherence) in [(0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5)] {
+        let table = look(depth, coherence);
+        assert_eq!(colours(&table), (coherence > 0.0, depth > 0.0), "{depth} {coherence}");
+        let named = |name: &str| table.meta.effects.iter().any(|effect| effect == name);
+        assert_eq!((named("coherent"), named("illuminant")), colours(&table));
+    }
+    let listed = |list: &str| {
+        let listed = [&args[..], &["--effects", list]].concat();
+        colours(&bake_recipe(r#"{"stack":{"layers":6}}"#, &listed))
+    };
+    assert_eq!(listed("blur"), (false, false));
+    assert_eq!(listed("blur,coherent"), (true, false));
+    assert_eq!(listed("illuminant,body"), (false, true));
+}
+
+/// n of the aragonite is negative at the violet end: there is a walk at 550 nm and no colour.
+const NO_VIOLET: &str = r#"{"stack":{"layers":6,"aragonite":{"n":{"cauchy":[3.153,-0.5]}}}}"#;
+
+#[test]
+fn a_stack_without_colours_bakes_with_the_reason_or_is_refused_by_name() {
+    let args = ["--paths", "1000", "--incident-deg", "0,60"];
+    let table = bake_recipe(NO_VIOLET, &args);
+    assert_eq!(colours(&table), (false, false));
+    let missing = &table.meta.extra["spectra_missing"];
+    for effect in ["coherent", "illuminant"] {
+        assert!(missing[effect].as_str().is_some_and(|why| why.contains("380")), "{missing}");
+        assert!(!table.meta.effects.iter().any(|name| name == effect));
+    }
+    let folder = folder();
+    write_recipe(folder.path(), NO_VIOLET);
+    for further in [&["--effects", "blur,coherent"][..], &["--effects", "blur,illuminant", "--shard", "1/2"]]
+    {
+        let output = tool(folder.path(), &[&["recipe.json"], &args[..], further].concat());
+        let line = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{line}");
+        assert!(line.contains("cannot be had") && line.trim_end().lines().count() == 1, "{line}");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("the folder reads").count(), 1);
     }
 }

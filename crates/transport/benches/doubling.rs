@@ -1,4 +1,4 @@
-//! Criterion benches of the deterministic solver: `cargo bench -p bake-brdf --bench doubling`.
+//! Criterion benches of the deterministic solver: `cargo bench -p transport --bench doubling`.
 //!
 //! The first group is the promise (91 incidences of the paper's pearl), the second the cost against the number of
 //! layers, the third the machine's matrix product of the same size, against which the doubling phase is judged.

@@ -1,6 +1,6 @@
 //! Kernels of the walk: time a crossing, by geometry, incidence, instruction set, precision and effect.
 //!
-//! `cargo bench -p bake-brdf --bench walk`. Compare ratios within one run, not times between runs.
+//! `cargo bench -p transport --bench walk`. Compare ratios within one run, not times between runs.
 
 use std::hint::black_box;
 

@@ -1,6 +1,6 @@
 //! What 32 bits do to the walk: the same paths, with the same random numbers, walked in f32 and in f64.
 //!
-//! `cargo run --release -p bake-brdf --example walk_precision [PATHS]` prints a line for each geometry and incidence:
+//! `cargo run --release -p transport --example walk_precision [PATHS]` prints a line for each geometry and incidence:
 //! the share of paths that end otherwise, and the difference of the albedos with its standard error, which is that of
 //! the differing paths alone.
 

@@ -1,6 +1,6 @@
 //! Speed of the walk, one JSON line: ns of CPU a crossing, and the moments that show it walks rightly.
 //!
-//! `cargo run --release -p bake-brdf --example walk_rate -- --theta 30 --dim 3 --paths 4e5`; the options are those of the
+//! `cargo run --release -p transport --example walk_rate -- --theta 30 --dim 3 --paths 4e5`; the options are those of the
 //! scripts in `tools/peers`, and `--walk lanes|reference`, `--level portable|avx2|avx512`, `--precision f32|f64`.
 //! CPU time is that of `/proc` (Linux); elsewhere wall time stands in for it.
 

@@ -386,7 +386,7 @@ fn space_agrees_with_an_independent_walk() {
     }
 }
 
-/// 100 times the paths: run in release (`cargo test --release -p bake-brdf --test doubling -- --ignored`).
+/// 100 times the paths: run in release (`cargo test --release -p transport --test doubling -- --ignored`).
 #[test]
 #[ignore = "half a minute in release; the short version always runs"]
 fn many_paths_agree_with_an_independent_walk() {

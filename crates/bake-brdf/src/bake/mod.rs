@@ -1,10 +1,13 @@
 //! From a recipe to a table: chooses cells and incidences, runs a solver, assembles the result.
 
 pub(crate) mod assemble;
+mod halfway;
 pub mod sampling;
 pub mod snapshot;
 
+use crate::effects::{Decisions, Effect, EffectSet, View};
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
+use crate::spectra::{self, Colours, Wanted};
 use crate::tally::Tally;
 use lut_io::axis::{ExitAxis, MAX_WIDTH};
 use lut_io::table::Table;
@@ -60,6 +63,10 @@ pub enum SolverChoice {
 pub struct Request {
     /// The pearl.
     pub recipe: Recipe,
+    /// What of it is baked.
+    pub effects: EffectSet,
+    /// Whether the effects were listed by name: then one that this stack cannot have is an error.
+    pub listed: bool,
     /// Angles of incidence, degrees, ascending, within [0, 90].
     pub incident_deg: Vec<f64>,
     /// When to stop.
@@ -201,18 +208,34 @@ impl Request {
         }
     }
 
-    /// The transport problem at the recipe's wavelength.
+    /// The transport problem at the recipe's wavelength, of the effects that are baked.
     ///
     /// # Errors
     /// As [`Recipe::transport`].
     pub fn transport(&self) -> Result<Transport, BakeError> {
-        Ok(self.recipe.transport(self.recipe.wavelength())?)
+        let mut transport = self.recipe.transport(self.recipe.wavelength())?;
+        if !self.effects.contains(Effect::Absorption) {
+            transport.optical_depths.fill(0.0);
+        }
+        if !self.effects.contains(Effect::Blur) {
+            // The surface alone: what passes it goes on into more of the same, where nothing reflects.
+            let [ambient, first] = [transport.indices[0], transport.indices[1]];
+            transport.indices = vec![ambient, first, first];
+            transport.optical_depths = vec![0.0];
+        }
+        Ok(transport)
     }
 
     /// Angles of incidence, radians.
     #[must_use]
     pub fn theta_i(&self) -> Vec<f64> {
         self.incident_deg.iter().map(|angle| angle.to_radians()).collect()
+    }
+
+    /// The interference colours that the effects call for.
+    pub(crate) fn colours(&self) -> Result<Colours, BakeError> {
+        let wanted = Wanted::by_effects(self.effects, self.listed);
+        spectra::of(&self.recipe, wanted).map_err(|why| BakeError::Input(why.to_string()))
     }
 
     pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
@@ -235,23 +258,71 @@ impl Request {
     }
 }
 
+/// Names what a bake of this request by this solver holds: equal for equal tables (`content_hash` of the metadata).
+///
+/// SHA-256 over the version, the recipe and all that the numbers depend on, in hexadecimal.
+#[must_use]
+pub fn content_hash(request: &Request, solver: SolverChoice) -> String {
+    use sha2::Digest as _;
+    // Without a lobe neither incidences nor accuracy nor seed matter.
+    let lobe = request.effects.has_lobe().then(|| {
+        let walk = (request.seed, request.event_cap, request.precision);
+        let walk = (solver != SolverChoice::Doubling).then_some(walk);
+        (solver, &request.incident_deg, request.target, walk)
+    });
+    let content = serde_json::json!({
+        "writer": concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")),
+        "recipe": request.recipe.to_json(),
+        "effects": request.effects,
+        "lobe": lobe,
+    });
+    let digest = sha2::Sha256::digest(content.to_string().as_bytes());
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The effects that a recipe's own look calls for.
+#[must_use]
+pub fn effects_of(recipe: &Recipe) -> EffectSet {
+    Decisions::of(recipe, &View::of_look(&recipe.look)).set()
+}
+
+/// A table without a lobe: all light goes to the body. No solver is needed.
+///
+/// # Errors
+/// A bad request.
+fn lobeless(request: &Request) -> Result<Table, BakeError> {
+    request.check()?;
+    let transport = request.transport()?;
+    let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    // Two incidences hold what there is to say.
+    let request = Request { incident_deg: vec![0.0, 90.0], ..request.clone() };
+    Ok(assemble::lobeless_table(&request, &transport, &axis))
+}
+
 /// Bakes with adding and doubling to the accuracy asked for.
 ///
 /// # Errors
 /// A request for paths or time, or a problem out of the solver's reach; the message says what would do.
 pub fn doubling(request: &Request) -> Result<Table, BakeError> {
+    if !request.effects.has_lobe() {
+        return coloured(request, lobeless(request)?, &request.colours()?);
+    }
     request.check()?;
     let Target::AccuracyPercent(percent) = request.target else {
-        return Err(BakeError::Input(
-            "doubling walks no paths: give it --accuracy, not --paths or --time-budget".to_owned(),
-        ));
+        return Err(BakeError::Input(NO_PATHS.to_owned()));
     };
     let transport = request.transport()?;
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    // Before the lobe, so that a refusal comes before the work.
+    let colours = request.colours()?;
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
-    let solution = doubling::solve_to(&transport, request.geometry(), &request.theta_i(), share, false)
+    let mut theta_i = request.theta_i();
+    let intervals = halfway::intervals(&theta_i);
+    theta_i.extend(halfway::middles(&theta_i, &intervals));
+    let solution = doubling::solve_to(&transport, request.geometry(), &theta_i, share, false)
         .map_err(|why| BakeError::Input(format!("solver doubling: {why}")))?;
-    Ok(assemble::doubling_table(request, &transport, &axis, &solution))
+    let table = assemble::doubling_table(request, &transport, &axis, &solution, &intervals);
+    coloured(request, table, &colours)
 }
 
 /// Which solver is cheaper for a request, and why in one sentence.
@@ -268,12 +339,9 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
     };
     let transport = request.transport()?;
     let geometry = request.geometry();
-    let threads = rayon::current_num_threads() as f64;
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
     let settings = doubling::Settings::for_accuracy(&transport, geometry, share);
-    let cost = settings.cost(&transport, geometry, request.incident_deg.len());
-    // Two resolutions, the coarser at about 0.8³ of the cost.
-    let by_doubling = 1.5 * cost.seconds / threads;
+    let by_doubling = doubling_seconds(request, &transport)?;
     if let Err(why) = settings.check(&transport, geometry, &request.theta_i()) {
         return Ok((SolverChoice::Walk, format!("doubling is out of reach here: {why}")));
     }
@@ -293,13 +361,30 @@ pub fn walk(
     observer: &Observer<'_>,
     resume: Option<Snapshot>,
 ) -> Result<Table, BakeError> {
+    if !request.effects.has_lobe() {
+        return coloured(request, lobeless(request)?, &request.colours()?);
+    }
     let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    // Before the lobe, so that a refusal comes before the work.
+    let colours = request.colours()?;
     let result = walk_target(request, &mut sampling, observer, resume);
     if let (Err(BakeError::Interrupted), Some(checkpoint)) = (&result, &observer.checkpoint) {
         (checkpoint.keep)(&sampling.state());
     }
     result?;
-    Ok(assemble::walk_table(request, &transport, &axis, &sampling))
+    coloured(request, assemble::walk_table(request, &transport, &axis, &sampling), &colours)
+}
+
+/// Adds the colours; thicknesses matter to nothing else, so that irregularity is held if a colour is.
+fn coloured(request: &Request, mut table: Table, colours: &Colours) -> Result<Table, BakeError> {
+    colours.store(&mut table.meta).map_err(|flaw| BakeError::Input(flaw.to_string()))?;
+    let held = |effect: Effect| match effect {
+        Effect::Coherent | Effect::Illuminant => colours.effects().contains(effect),
+        Effect::Irregularity => colours.effects() != EffectSet::NONE,
+        _ => true,
+    };
+    table.meta.effects = request.effects.iter().filter(|effect| held(*effect)).collect::<EffectSet>().names();
+    Ok(table)
 }
 
 fn walk_target(
@@ -330,6 +415,8 @@ pub struct Forecast {
     pub paths: u64,
     /// Bytes of the table before compression.
     pub bytes: u64,
+    /// Cells over all incidences.
+    pub cells: u64,
 }
 
 /// Predicts the cost of a bake without doing it.
@@ -337,9 +424,45 @@ pub struct Forecast {
 /// # Errors
 /// As [`walk`].
 pub fn forecast(request: &Request, observer: &Observer<'_>) -> Result<Forecast, BakeError> {
+    if !request.effects.has_lobe() {
+        return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0, cells: 0 });
+    }
     let (mut sampling, _, axis) = request.sampling(Shard::WHOLE)?;
     let (seconds, paths) = sampling.forecast(request.target, observer)?;
     let cells = axis.cells() as u64 * request.incident_deg.len() as u64;
     // Three components of value, error and count, and four coordinates, four bytes each.
-    Ok(Forecast { seconds, paths, bytes: cells * 13 * 4 })
+    Ok(Forecast { seconds, paths, bytes: cells * 13 * 4, cells })
 }
+
+/// Predicts the cost of a bake by a solver: the walk's from a pilot, doubling's from its operation count.
+///
+/// # Errors
+/// As [`walk`] and [`doubling`].
+pub fn forecast_of(
+    request: &Request,
+    solver: SolverChoice,
+    observer: &Observer<'_>,
+) -> Result<Forecast, BakeError> {
+    if solver != SolverChoice::Doubling || !request.effects.has_lobe() {
+        return forecast(request, observer);
+    }
+    let transport = request.transport()?;
+    let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    let cells = axis.cells() as u64 * request.incident_deg.len() as u64;
+    let seconds = doubling_seconds(request, &transport)?;
+    Ok(Forecast { seconds, paths: 0, bytes: cells * 13 * 4, cells })
+}
+
+/// Wall-clock seconds that doubling takes to the accuracy of a request.
+fn doubling_seconds(request: &Request, transport: &Transport) -> Result<f64, BakeError> {
+    let Target::AccuracyPercent(percent) = request.target else {
+        return Err(BakeError::Input(NO_PATHS.to_owned()));
+    };
+    let share = (percent / 100.0).min(COARSEST_DOUBLING);
+    let settings = doubling::Settings::for_accuracy(transport, request.geometry(), share);
+    let cost = settings.cost(transport, request.geometry(), request.incident_deg.len());
+    // Two resolutions, the coarser at about 0.8³ of the cost.
+    Ok(1.5 * cost.seconds / rayon::current_num_threads() as f64)
+}
+
+const NO_PATHS: &str = "doubling walks no paths: give it --accuracy, not --paths or --time-budget";
