@@ -123,12 +123,6 @@ impl PearlBsdf {
         &self.controls
     }
 
-    /// σ of the facets of interface 0, radians.
-    #[must_use]
-    pub const fn facet_slope_sd(&self) -> f64 {
-        self.facets.slope_sd()
-    }
-
     /// Centres of the bands of the interference colours, nm; empty without them.
     #[must_use]
     pub fn band_centres_nm(&self) -> &[f64] {

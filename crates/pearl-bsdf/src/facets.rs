@@ -67,11 +67,6 @@ struct Limits {
 }
 
 impl Facets {
-    /// σ, radians, at least [`MIN_SLOPE_SD`].
-    pub(crate) const fn slope_sd(&self) -> f64 {
-        self.sigma
-    }
-
     pub(crate) fn new(model: &SurfaceModel) -> Self {
         Self {
             sigma: model.slope_sd.max(MIN_SLOPE_SD),

@@ -211,7 +211,8 @@ fn integral_of_pdf(bsdf: &PearlBsdf, theta_i: f64) -> f64 {
 #[test]
 fn the_density_integrates_to_one() {
     for table in tables().map(with_spectra) {
-        for controls in [Controls::default(), only("diffuse"), only("incoherent"), only("mirror"), only("blur")]
+        for controls in
+            [Controls::default(), only("diffuse"), only("incoherent"), only("mirror"), only("blur")]
         {
             let bsdf = bsdf(&table, controls);
             for degrees in [0.0, 5.0, 30.0, 60.0, 80.0, 85.0, 89.0f64] {
@@ -231,7 +232,8 @@ fn samples_have_the_stated_density() {
     const LIMIT: f64 = 4.68;
     let mut random = StdRng::seed_from_u64(7);
     for table in tables().map(with_spectra) {
-        for controls in [Controls::default(), only("diffuse"), only("incoherent"), only("mirror"), only("blur")]
+        for controls in
+            [Controls::default(), only("diffuse"), only("incoherent"), only("mirror"), only("blur")]
         {
             let bsdf = bsdf(&table, controls);
             for degrees in [0.0, 5.0, 30.0, 60.0, 80.0, 85.0, 89.0f64] {
