@@ -463,7 +463,7 @@ pub(super) fn complex(tile: &ComplexTile) -> TileResult {
         let mut passages = [[Lanes::splat(0.0); 2]; BLOCK];
         for (block, interfaces) in tile.layers.chunks(look_every).zip(tile.interface_of.chunks(look_every)) {
             total_decay = total_decay + passage_block(tile, block, &mut passages);
-            waves = passed(tile, passages.iter(), interfaces, waves);
+            waves = passed(tile, passages[..block.len()].iter(), interfaces, waves);
             waves = look_at_waves(&mut memories, waves);
         }
     }
