@@ -1,6 +1,7 @@
 //! From a recipe to a table: chooses cells and incidences, runs a solver, assembles the result.
 
 pub(crate) mod assemble;
+mod halfway;
 pub mod sampling;
 pub mod snapshot;
 
@@ -304,9 +305,12 @@ pub fn doubling(request: &Request) -> Result<Table, BakeError> {
     let transport = request.transport()?;
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
-    let solution = doubling::solve_to(&transport, request.geometry(), &request.theta_i(), share, false)
+    let mut theta_i = request.theta_i();
+    let intervals = halfway::intervals(&theta_i);
+    theta_i.extend(halfway::middles(&theta_i, &intervals));
+    let solution = doubling::solve_to(&transport, request.geometry(), &theta_i, share, false)
         .map_err(|why| BakeError::Input(format!("solver doubling: {why}")))?;
-    Ok(assemble::doubling_table(request, &transport, &axis, &solution))
+    Ok(assemble::doubling_table(request, &transport, &axis, &solution, &intervals))
 }
 
 /// Which solver is cheaper for a request, and why in one sentence.
