@@ -336,7 +336,7 @@ impl Decisions {
     /// An effect that this version does not simulate.
     pub fn of_list(recipe: &Recipe, asked: EffectSet) -> Result<Self, EffectError> {
         for effect in asked.iter() {
-            if let Err(why) = simulated(effect) {
+            if let Err(why) = simulated(effect, recipe) {
                 return Err(EffectError::NotSimulated { effect, why });
             }
         }
@@ -348,6 +348,11 @@ impl Decisions {
                 (_, true) => "blur in --effects needs it".to_owned(),
                 _ => "not listed in --effects".to_owned(),
             };
+            if matches!((effect, listed), (Effect::Polarisation | Effect::CoherentSheets, true))
+                && !asked.contains(Effect::Blur)
+            {
+                why = format!("{why}, though it acts on blur alone, which is not");
+            }
             if effect == Effect::Azimuth && (listed || needed) {
                 why = format!("{}; {why}", mode_text(recipe.azimuth.mode));
             }
@@ -372,7 +377,7 @@ impl Decisions {
             if matches!(effect, Effect::Polarisation | Effect::CoherentSheets | Effect::Texture) {
                 return decide(effect, recipe, view);
             }
-            match matter(effect, recipe).and_then(|what| simulated(effect).map(|()| what)) {
+            match matter(effect, recipe).and_then(|what| simulated(effect, recipe).map(|()| what)) {
                 Ok(what) => Decision { effect, on: true, why: format!("--effects all; {what}") },
                 Err(lack) => Decision { effect, on: false, why: lack },
             }
@@ -485,15 +490,33 @@ fn irregular(recipe: &Recipe) -> Option<String> {
     Some(format!("stack.{name}.thickness_sd_nm is {}", layer.thickness_sd_nm))
 }
 
+/// Whether a recipe has matter for an effect and this version simulates it there.
+///
+/// # Errors
+/// What is missing, as a line of text.
+pub fn available(effect: Effect, recipe: &Recipe) -> Result<(), String> {
+    matter(effect, recipe)?;
+    simulated(effect, recipe)
+}
+
 /// Whether this version simulates an effect; `Err` says what it does in its place.
-fn simulated(effect: Effect) -> Result<(), String> {
-    let instead = match effect {
-        Effect::Polarisation => "every event of the walk meets unpolarised light",
-        Effect::Dispersion => "the lobe is that of the recipe's light.wavelength_nm at every wavelength",
-        Effect::CoherentSheets => "intensities are added across the faces of each sheet",
-        _ => return Ok(()),
-    };
-    Err(format!("in this version {instead}"))
+fn simulated(effect: Effect, recipe: &Recipe) -> Result<(), String> {
+    match effect {
+        Effect::Polarisation if recipe.azimuth.mode == AzimuthMode::Walk => Err(
+            "s and p are tracked in the plane of incidence only: azimuth decay has it, azimuth walk has not"
+                .to_owned(),
+        ),
+        Effect::Dispersion => {
+            let nm = recipe.light.wavelength_nm;
+            Err(format!(
+                "in this version the lobe is that of the recipe's light.wavelength_nm ({nm}) at every wavelength"
+            ))
+        }
+        Effect::CoherentSheets => {
+            recipe.sheet_transport(recipe.wavelength()).map(|_| ()).map_err(|why| why.to_string())
+        }
+        _ => Ok(()),
+    }
 }
 
 /// One decision, of the recipe and the view. `Ok`: on, and why; `Err`: off, and why.
@@ -517,7 +540,7 @@ fn decide(effect: Effect, recipe: &Recipe, view: &View) -> Decision {
             None => matter(effect, recipe),
         },
     };
-    let verdict = verdict.and_then(|why| match simulated(effect) {
+    let verdict = verdict.and_then(|why| match simulated(effect, recipe) {
         Ok(()) => Ok(why),
         Err(lack) => Err(format!("{why}; not simulated: {lack}")),
     });
@@ -691,7 +714,11 @@ mod tests {
         let mono = View { colour: Setting::new(ColourMode::Mono, "s:1"), ..view.clone() };
         assert_eq!(why(&mono, Effect::Dispersion), "the variant has one band (s:1)");
         let polarised = View { polarised: Setting::new(true, "s:1"), ..view.clone() };
-        assert!(why(&polarised, Effect::Polarisation).starts_with("the variant is polarised (s:1)"));
+        assert_eq!(why(&polarised, Effect::Polarisation), "the variant is polarised (s:1)");
+        let mut space = recipe.clone();
+        space.azimuth.mode = AzimuthMode::Walk;
+        let decision = Decisions::of(&space, &polarised).get(Effect::Polarisation).clone();
+        assert!(!decision.on && decision.why.contains("azimuth decay has it"), "{decision:?}");
         assert!(why(&view, Effect::Polarisation).starts_with("the variant is not polarised"));
     }
 

@@ -59,6 +59,8 @@ pub struct PlannedPearl {
     pub recipe: Recipe,
     /// Where that was found.
     pub recipe_from: String,
+    /// How it is looked at.
+    pub view: View,
     /// Its effects and why.
     pub decisions: Decisions,
     /// What each effect costs, in the model's order; 0 for one that is off, or that another pearl's table holds anyway.
@@ -194,6 +196,7 @@ fn planned(
         shapes,
         recipe,
         recipe_from,
+        view: view.clone(),
         decisions,
         costs: [Cost::default(); 12],
         table: None,
@@ -250,8 +253,11 @@ pub fn solver(request: &Request, choice: Option<SolverChoice>) -> Result<SolverC
 }
 
 /// What each effect of a request costs: the bake with it less the bake without it, the lobe's rest under `blur` (under
-/// `surface` where there is no blur).
-fn costs(request: &Request, solver: SolverChoice) -> Result<[Cost; 12], BakeError> {
+/// `surface` where there is no blur). In the order of [`Effect::ALL`].
+///
+/// # Errors
+/// As the bake's own checks.
+pub fn costs(request: &Request, solver: SolverChoice) -> Result<[Cost; 12], BakeError> {
     let mut costs = [Cost::default(); 12];
     let set = request.effects;
     let file = Cost { seconds: OVERHEAD_SECONDS, bytes: HEADER_BYTES };

@@ -17,7 +17,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use transport::doubling;
 use transport::walk::lanes::Precision;
-use transport::{Geometry, Transport};
+use transport::{Geometry, Light, Transport};
 
 /// Columns of a plane table: cells of 0.07 σ-widths at the lobe's centre keep the reading error near 5e-4.
 const PLANE_CELLS: usize = 128;
@@ -210,7 +210,16 @@ impl Request {
     /// # Errors
     /// As [`Recipe::transport`].
     pub fn transport(&self) -> Result<Transport, BakeError> {
-        let mut transport = self.recipe.transport(self.recipe.wavelength())?;
+        let wavelength = self.recipe.wavelength();
+        let has = |effect| self.effects.contains(effect);
+        let mut transport = if has(Effect::CoherentSheets) && has(Effect::Blur) {
+            self.recipe.sheet_transport(wavelength)?
+        } else {
+            self.recipe.transport(wavelength)?
+        };
+        if has(Effect::Polarisation) && has(Effect::Blur) {
+            transport.light = Light::Tracked;
+        }
         if !self.effects.contains(Effect::Absorption) {
             transport.optical_depths.fill(0.0);
         }
@@ -303,6 +312,9 @@ pub fn doubling(request: &Request) -> Result<Table, BakeError> {
         return Err(BakeError::Input(NO_PATHS.to_owned()));
     };
     let transport = request.transport()?;
+    if let Some(why) = walk_only(&transport) {
+        return Err(BakeError::Input(format!("solver doubling: {why}; use --solver walk or auto")));
+    }
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
     let mut theta_i = request.theta_i();
@@ -311,6 +323,14 @@ pub fn doubling(request: &Request) -> Result<Table, BakeError> {
     let solution = doubling::solve_to(&transport, request.geometry(), &theta_i, share, false)
         .map_err(|why| BakeError::Input(format!("solver doubling: {why}")))?;
     Ok(assemble::doubling_table(request, &transport, &axis, &solution, &intervals))
+}
+
+/// Why a problem has no solution by doubling, if it has none.
+fn walk_only(transport: &Transport) -> Option<&'static str> {
+    if transport.sheets.is_some() {
+        return Some("coherent sheets are walked only");
+    }
+    (transport.light == Light::Tracked).then_some("s and p are tracked by the walk only")
 }
 
 /// Which solver is cheaper for a request, and why in one sentence.
@@ -327,6 +347,9 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
     };
     let transport = request.transport()?;
     let geometry = request.geometry();
+    if let Some(why) = walk_only(&transport) {
+        return Ok((SolverChoice::Walk, why.to_owned()));
+    }
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
     let settings = doubling::Settings::for_accuracy(&transport, geometry, share);
     let by_doubling = doubling_seconds(request, &transport)?;
@@ -432,6 +455,9 @@ fn doubling_seconds(request: &Request, transport: &Transport) -> Result<f64, Bak
     let Target::AccuracyPercent(percent) = request.target else {
         return Err(BakeError::Input(NO_PATHS.to_owned()));
     };
+    if let Some(why) = walk_only(transport) {
+        return Err(BakeError::Input(format!("solver doubling: {why}; use --solver walk or auto")));
+    }
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
     let settings = doubling::Settings::for_accuracy(transport, request.geometry(), share);
     let cost = settings.cost(transport, request.geometry(), request.incident_deg.len());
