@@ -418,12 +418,9 @@ fn matter(effect: Effect, recipe: &Recipe) -> Result<String, String> {
         Effect::Surface => Ok("every pearl has a surface".to_owned()),
         Effect::Azimuth => matter(Effect::Blur, recipe).map(|_| mode_text(recipe.azimuth.mode).to_owned()),
         Effect::Blur => blur_matter(recipe),
-        Effect::Absorption => {
-            blur_matter(recipe)?;
-            absorbing(recipe).ok_or_else(|| {
-                format!("no layer absorbs at {} nm (every k is 0)", recipe.light.wavelength_nm)
-            })
-        }
+        Effect::Absorption => absorbing(recipe)
+            .or_else(|| absorbing_elsewhere(recipe))
+            .ok_or_else(|| "no layer absorbs (every k is 0)".to_owned()),
         Effect::Dispersion => {
             dispersive(recipe).ok_or_else(|| "every index is the same at all wavelengths".to_owned())
         }
@@ -460,6 +457,32 @@ fn absorbing(recipe: &Recipe) -> Option<String> {
     let transport = recipe.transport(recipe.wavelength()).ok()?;
     let layer = transport.optical_depths.iter().position(|depth| *depth > 0.0)?;
     Some(format!("layer {} absorbs at {} nm", layer + 1, recipe.light.wavelength_nm))
+}
+
+/// A layer that absorbs at some wavelength, if not at that of the walk.
+fn absorbing_elsewhere(recipe: &Recipe) -> Option<String> {
+    let absorbs = |layer: &crate::recipe::Layer| match &layer.n {
+        Some(Dispersion::Table(rows)) => rows.iter().any(|row| row[2] > 0.0),
+        _ => layer.k > 0.0,
+    };
+    let stack = &recipe.stack;
+    let any = match &stack.explicit {
+        Some(layers) => layers.iter().any(absorbs),
+        None => absorbs(&stack.aragonite) || (stack.layer_count() > 1 && absorbs(&stack.conchiolin)),
+    };
+    any.then(|| format!("a layer absorbs, though not at the walk's {} nm", recipe.light.wavelength_nm))
+}
+
+/// Absorption acts on the blur at the walk's wavelength, and on interference colours at all.
+fn absorption(recipe: &Recipe, view: &View) -> Verdict {
+    let blur = needs_blur(recipe, view);
+    let colours = coherent(view).is_ok() || illuminant(view).is_ok();
+    match (blur, absorbing(recipe)) {
+        (Ok(()), Some(what)) => Ok(what),
+        (Err(blur), _) if !colours => Err(format!("{blur}, and no interference is shown")),
+        _ if colours => matter(Effect::Absorption, recipe),
+        _ => Err(format!("no layer absorbs at {} nm", recipe.light.wavelength_nm)),
+    }
 }
 
 fn dispersive(recipe: &Recipe) -> Option<String> {
@@ -525,9 +548,8 @@ fn decide(effect: Effect, recipe: &Recipe, view: &View) -> Decision {
         Effect::Surface => lobe_is_seen(view, view.shown.value.mirror, "mirror"),
         Effect::Blur => lobe_is_seen(view, view.shown.value.blur, "blur")
             .and_then(|seen| blur_matter(recipe).map(|what| format!("{what}; {seen}"))),
-        Effect::Azimuth | Effect::Absorption => {
-            needs_blur(recipe, view).and_then(|()| matter(effect, recipe))
-        }
+        Effect::Azimuth => needs_blur(recipe, view).and_then(|()| matter(effect, recipe)),
+        Effect::Absorption => absorption(recipe, view),
         Effect::Polarisation => polarisation(recipe, view),
         Effect::Dispersion => needs_blur(recipe, view).and_then(|()| dispersion(recipe, view)),
         Effect::Coherent => coherent(view),

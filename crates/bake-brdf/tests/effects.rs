@@ -14,6 +14,7 @@ fn walked(text: &str, effects: &[Effect]) -> Table {
     let request = Request {
         recipe: Recipe::from_json(text).expect("a valid recipe"),
         effects: effects.iter().copied().collect::<EffectSet>(),
+        listed: true,
         incident_deg: ANGLES_DEG.to_vec(),
         target: Target::Paths(PATHS),
         seed: 3,
