@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use thinfilm::{Dispersion, Material};
-use transport::{Facets, Light, Normals, Sheets, Transport};
+use transport::{Facets, Normals, Sheets, Transport};
 
 /// Schema name of the recipes that this version reads.
 pub const SCHEMA: &str = "pearl-recipe/1";
@@ -421,7 +421,7 @@ impl Recipe {
             indices,
             optical_depths,
             facets: Facets { slope_sd: self.facets.slope_sd_deg.to_radians(), normals: self.facets.normals },
-            light: Light::Unpolarised,
+            light: transport::Light::Unpolarised,
             sheets: None,
         })
     }

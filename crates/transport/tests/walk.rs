@@ -524,9 +524,11 @@ fn walks_at_coherent_sheets_are_star_products_of_films() {
 #[test]
 fn rough_walks_of_tracked_light_and_sheets_agree_with_the_reference() {
     let sheets = Sheets { index: 1.43, phase: 0.39, last: 30 };
-    let pile = Transport::alternating(30, 1.53, 1.53, 1.53, degrees(6.0));
-    let tracked =
-        Transport { light: Light::Tracked, ..Transport::alternating(30, 1.7, 1.4, 1.5, degrees(6.0)) };
+    let pile = Transport::alternating(30, 1.53, 1.53, 1.53, 6.0_f64.to_radians());
+    let tracked = Transport {
+        light: Light::Tracked,
+        ..Transport::alternating(30, 1.7, 1.4, 1.5, 6.0_f64.to_radians())
+    };
     let mut absorbing = Transport { sheets: Some(sheets), ..pile.clone() };
     absorbing.optical_depths.fill(0.01);
     for (stack, geometry) in [
