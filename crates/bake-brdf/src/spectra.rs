@@ -247,7 +247,7 @@ fn illuminant(recipe: &Recipe, wanted: Wanted) -> Result<Illuminant, SpectraErro
     // Refuses what the bake refuses, with its words.
     recipe.transport(recipe.wavelength())?;
     let stack = shortened(wave_stack(recipe, wanted), DEEPEST);
-    let (theta_deg, effort) = illuminant_effort(&stack, wanted);
+    let (theta_deg, effort) = illuminant_effort(&stack);
     let Effort { per_band, members, .. } = effort;
     let angles = radians(&theta_deg);
     let wavelengths = colour::wavelengths(BANDS * per_band + 1);
@@ -281,12 +281,21 @@ fn coherent_effort(stack: &Stack) -> (Vec<f64>, Effort) {
 }
 
 /// Angles of Ê, and how finely it is sampled.
-fn illuminant_effort(stack: &Stack, wanted: Wanted) -> (Vec<f64>, Effort) {
+fn illuminant_effort(stack: &Stack) -> (Vec<f64>, Effort) {
     let irregular = stack.is_irregular();
     let theta_deg = angles_deg(STEP_DEG);
-    let work = if wanted.absorption || irregular { SLOW_FIELD_WORK } else { FIELD_WORK };
+    let work = if has_slow_fields(stack) { SLOW_FIELD_WORK } else { FIELD_WORK };
     let effort = Effort::new(work, stack.layer_count() as usize, theta_deg.len(), irregular);
     (theta_deg, effort)
+}
+
+/// Whether fields need the slow form: in irregular stacks and in those that absorb.
+fn has_slow_fields(stack: &Stack) -> bool {
+    let absorbs = |material: &Material| {
+        let in_table = matches!(&material.n, Dispersion::Table(rows) if rows.iter().any(|row| row[2] != 0.0));
+        material.k != 0.0 || in_table
+    };
+    stack.is_irregular() || stack.materials.iter().any(absorbs)
 }
 
 /// Seconds of one core that M and Ê take, each 0 where it is not wanted.
@@ -301,8 +310,8 @@ pub fn forecast(recipe: &Recipe, wanted: Wanted) -> [f64; 2] {
     };
     let illuminant = || {
         let stack = shortened(stack.clone(), DEEPEST);
-        let slow = wanted.absorption || stack.is_irregular();
-        seconds(if slow { SLOW_FIELD_WORK } else { FIELD_WORK }, &illuminant_effort(&stack, wanted).1)
+        let work = if has_slow_fields(&stack) { SLOW_FIELD_WORK } else { FIELD_WORK };
+        seconds(work, &illuminant_effort(&stack).1)
     };
     [
         if wanted.coherent == Want::No { 0.0 } else { coherent() },

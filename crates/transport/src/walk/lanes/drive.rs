@@ -143,7 +143,7 @@ impl<R: Real> Lanes<R> {
         self.slot[lane] = (path - job.paths.start) as usize;
         if EVENT != PLAIN {
             // Tracked light: every other path is s.
-            let is_s = job.light == Light::S || job.light == Light::Tracked && path % 2 == 0;
+            let is_s = job.light == Light::S || (job.light == Light::Tracked && path.is_multiple_of(2));
             self.share[lane] = if is_s { R::ONE } else { R::ZERO };
         }
         if ABSORB {
