@@ -437,14 +437,15 @@ fn matter(effect: Effect, recipe: &Recipe) -> Result<String, String> {
     }
 }
 
-/// Whether anything that enters can come back: an interface inside that reflects.
+/// Whether what enters is worth following: an interface inside that reflects, or a layer that absorbs.
 fn blur_matter(recipe: &Recipe) -> Result<String, String> {
     let count = recipe.stack.layer_count();
     let Ok(transport) = recipe.transport(recipe.wavelength()) else {
         // The bake itself says what is wrong with the recipe.
         return Ok(format!("{count} layers"));
     };
-    if transport.indices[1..].windows(2).all(|pair| pair[0] == pair[1]) {
+    // Layers that absorb are walked for what they absorb.
+    if transport.indices[1..].windows(2).all(|pair| pair[0] == pair[1]) && !transport.absorbs() {
         return Err(format!(
             "no interface under the surface reflects: every index there is {}",
             transport.indices[1]
