@@ -275,7 +275,11 @@ impl Recipe {
                     path if path == "." => String::new(),
                     path => format!("{path}: "),
                 },
-                message: error.inner().to_string(),
+                // The deserializer names Rust's type.
+                message: error
+                    .inner()
+                    .to_string()
+                    .replace("expected usize", "expected a whole number, 1 or more"),
             })?;
         deserializer
             .end()
@@ -703,6 +707,10 @@ mod tests {
             (r#"{"stack":{"aragonite":{"n":0}}}"#, "stack.aragonite.n"),
             (r#"{"stack":{"substrate":{"n":"glass"}}}"#, "stack.substrate.n"),
             (r#"{"stack":{"conchiolin":{"k":-1}}}"#, "stack.conchiolin.k"),
+            (
+                r#"{"stack":{"layers":-1}}"#,
+                "stack.layers: invalid value: integer `-1`, expected a whole number",
+            ),
             (r#"{"stack":{"explicit":[]}}"#, "stack.explicit"),
             (r#"{"stack":{"explicit":[{"n":1.5}]}}"#, "stack.explicit[0].thickness_nm"),
             (r#"{"stack":{"layers":3,"explicit":[{"n":1.5,"thickness_nm":10}]}}"#, "stack.layers"),

@@ -112,6 +112,15 @@ impl Transport {
         self.optical_depths.iter().any(|&depth| depth > 0.0)
     }
 
+    /// The same stack seen from the substrate.
+    #[must_use]
+    pub fn upside_down(&self) -> Self {
+        let mut turned = self.clone();
+        turned.indices.reverse();
+        turned.optical_depths.reverse();
+        turned
+    }
+
     /// A lossless alternating stack: ambient 1, `layers` layers of `odd`, `even`, `odd`, …, substrate.
     #[must_use]
     pub fn alternating(layers: usize, odd: f64, even: f64, substrate: f64, slope_sd: f64) -> Self {

@@ -397,6 +397,36 @@ fn the_fair_coin_is_unbiased_and_the_papers_literal_rule_is_not() {
     assert!((pearl - 0.002).abs() < 0.0005 + SIGMAS * error, "{pearl} ± {error}");
 }
 
+/// Shares of the interior and of transmitted light within 4.5 standard errors of doubling's (p = 7e-6 each), seed 7.
+#[test]
+fn forced_entry_is_unbiased_for_all_but_the_single_reflection() {
+    let stack = Transport::alternating(20, 1.53, 1.43, 1.0, f64::to_radians(5.0));
+    let theta_i = [0.5, 1.4, 1.52];
+    let solved = transport::doubling::solve_to(&stack, Geometry::Space, &theta_i, 1e-3, false).unwrap();
+    let reference =
+        Reference { estimator: Estimator::ForcedEntry, ..Reference::new(&stack, Geometry::Space) };
+    for (lobe, theta) in solved.lobes.iter().zip(theta_i) {
+        let (exits, _) = reference.run(theta, 7, 40_000);
+        assert!(exits.iter().all(|exit| exit.fate != Fate::Single));
+        let expected = [
+            (Fate::Interior, lobe.albedo - lobe.surface),
+            (Fate::Rehit, lobe.rehit),
+            (Fate::Transmitted, lobe.transmitted),
+        ];
+        for (fate, share) in expected {
+            let weights =
+                exits.iter().map(|exit| if exit.fate == fate { f64::from(exit.weight) } else { 0.0 });
+            let (sum, square) = weights.fold((0.0, 0.0), |(s, q), w| (s + w, q + w * w));
+            let (n, mean) = (exits.len() as f64, sum / exits.len() as f64);
+            let error = ((square / n - mean * mean) / n).sqrt();
+            assert!(
+                (mean - share).abs() < 4.5 * error + 1e-6,
+                "{fate:?} at {theta}: {mean} ± {error}, {share}"
+            );
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
 

@@ -4,7 +4,7 @@
 //! and its directional albedo stands for the surrounding.
 
 use super::bake::stop;
-use bake_brdf::bake::{self, Observer, Request, SolverChoice};
+use bake_brdf::bake::{self, Observer, Request, Sides, SolverChoice};
 use bake_brdf::effects::{self, Effect, EffectSet, View};
 use bake_brdf::plan::{self, Cost, Plan, PlannedPearl, Terms};
 use lut_io::table::Table;
@@ -150,7 +150,7 @@ impl Shown {
 
 fn baked(request: &Request, solver: SolverChoice) -> Result<Table, Stop> {
     match solver {
-        SolverChoice::Doubling => bake::doubling(request),
+        SolverChoice::Doubling => bake::doubling(request, Sides::Above),
         _ => bake::walk(request, &Observer::idle(), None),
     }
     .map_err(stop)

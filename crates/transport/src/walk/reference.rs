@@ -21,6 +21,11 @@ pub enum Estimator {
     /// refracts at R = 0 four hundred times must have won four hundred fair coins, so that nearly all the albedo sits
     /// in paths too rare to be seen. Useful for stacks of a few layers.
     FairCoin,
+    /// The first facet lets the light in, with weight 1 − R, where it would have reflected it away: that light is left to
+    /// the closed form of the single reflection. After that analog. Unbiased for all light but [`Fate::Single`]. No path ends at
+    /// once, and the interior loses the variance of that coin; but paths that end at once cost next to nothing, so that
+    /// variance × crossings stays what it was (`docs/WALK.md`).
+    ForcedEntry,
     /// The paper's rules read literally: reflect with probability R *and* multiply by R, or refract *and* multiply by
     /// 1 − R; stop when the weight falls below the threshold. **Biased**: each event counts R twice, so the sum is of
     /// R² and (1 − R)², and energy is lost (for the paper's pearl at 30° it leaves an albedo near 0.002 instead of
@@ -113,7 +118,12 @@ impl<'a> Reference<'a> {
                 None => fresnel(n1, n2, cos_i, cos_t),
             };
             let reflectance = share * s + (1.0 - share) * p;
-            if self.reflects(reflectance, &mut weight, random) {
+            let would_leave = direction[2] + 2.0 * cos_i * normal[2] > 0.0;
+            let forced = self.estimator == Estimator::ForcedEntry && crossings == 1 && would_leave;
+            if forced {
+                weight *= 1.0 - reflectance;
+            }
+            if !forced && self.reflects(reflectance, &mut weight, random) {
                 direction = add_scaled(direction, 1.0, normal, 2.0 * cos_i);
             } else {
                 direction = add_scaled(direction, n1 / n2, normal, n1 / n2 * cos_i - cos_t);
@@ -157,7 +167,7 @@ impl<'a> Reference<'a> {
     /// Whether the light is reflected; multiplies the weight as the estimator asks.
     fn reflects(&self, reflectance: f64, weight: &mut f64, random: &mut impl Rng) -> bool {
         let (chance, reflected, refracted) = match self.estimator {
-            Estimator::Analog => (reflectance, 1.0, 1.0),
+            Estimator::Analog | Estimator::ForcedEntry => (reflectance, 1.0, 1.0),
             Estimator::FairCoin => (0.5, 2.0 * reflectance, 2.0 * (1.0 - reflectance)),
             Estimator::PaperLiteral => (reflectance, reflectance, 1.0 - reflectance),
         };
