@@ -343,7 +343,12 @@ mod tests {
         let elements = elements(transport);
         let runs = runs(&elements);
         let sampling = settings.sampling(grid);
-        let side = |from: f64, to: f64| Interface { eta: from / to, facets: transport.facets, sampling };
+        let side = |from: f64, to: f64| Interface {
+            eta: from / to,
+            facets: transport.facets,
+            light: transport.light,
+            sampling,
+        };
         let sides = transport
             .indices
             .windows(2)
