@@ -372,7 +372,8 @@ fn every_export_says_how_far_it_is_from_the_table() {
         assert_eq!((&report["schema"], &report["format"]), (&"lut-export/1".into(), &format.into()));
         assert_eq!(report["bytes"], std::fs::metadata(&out).unwrap().len());
         for row in report["round_trip"]["per_incidence"].as_array().unwrap() {
-            let (theta, error) = (row["theta_i_deg"].as_f64().unwrap(), row["error_percent"].as_f64().unwrap());
+            let (theta, error) =
+                (row["theta_i_deg"].as_f64().unwrap(), row["error_percent"].as_f64().unwrap());
             assert!(error > 0.0 && (error < most || theta > 70.0), "{format} {row}");
         }
         let again = folder.path().join("again");

@@ -15,7 +15,8 @@ use terminal::{Outcome, Stop};
 const BANDS_PER_WAVELENGTH: usize = 2;
 /// Wavelengths of a spectral file of a table without interference colours, nm: flat in between.
 const PLAIN_NM: [f64; 5] = [400.0, 480.0, 560.0, 640.0, 720.0];
-/// Wavelengths that a spectral file is compared at.
+/// Wavelengths that a spectral file is compared at: of its own. Between them the file is linear where a table of 5 nm bands may
+/// have a narrow stop band; that is not in the figure.
 const COMPARED: usize = 8;
 
 #[derive(Args, Debug)]
