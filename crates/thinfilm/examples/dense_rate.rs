@@ -2,8 +2,8 @@
 //! plain scalar loop, for 500 layers, 81 wavelengths and 90 angles:
 //! `cargo run --release -p thinfilm --example dense_rate [-- THREADS [ROUNDS]]`.
 //!
-//! Prints one JSON object. Times are wall-clock times of the fastest and the median round: on a busy machine the
-//! fastest says more. `tools/peers/thinfilm.py` runs it beside other programs.
+//! Prints one JSON object: by the clock (fastest and median round) and, on Linux, per second that its threads spent on
+//! a processor, which a busy machine disturbs less. `tools/peers/thinfilm.py` runs it beside other programs.
 #![allow(clippy::print_stdout)]
 
 use num_complex::Complex64;

@@ -129,21 +129,6 @@ pub fn delta_e_2000(a: [f64; 3], b: [f64; 3]) -> f64 {
     (l * l + c * c + h * h + rotation * c * h).max(0.0).sqrt()
 }
 
-/// Linear sRGB of values at equally spaced wavelengths (metres), relative to the white of the same sum: a flat spectrum is
-/// grey on however coarse a grid. Not clipped.
-#[must_use]
-pub fn linear_srgb_of(wavelengths: &[f64], values: &[f64]) -> [f64; 3] {
-    let (mut light, mut white) = ([0.0; 3], [0.0; 3]);
-    for (wavelength, value) in wavelengths.iter().zip(values) {
-        for (c, weight) in weights(*wavelength).into_iter().enumerate() {
-            light[c] += weight * value;
-            white[c] += weight;
-        }
-    }
-    let (light, grey) = (linear_srgb(light), linear_srgb(white));
-    std::array::from_fn(|c| light[c] / grey[c])
-}
-
 /// A stack's colour in reflection at one angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StackColour {
@@ -338,20 +323,6 @@ mod tests {
                 assert!(colour.change <= DEFAULT_ACCURACY, "{colour:?}");
             }
         }
-    }
-
-    #[test]
-    fn a_flat_spectrum_is_grey_on_a_coarse_grid_and_long_waves_are_red() {
-        let coarse: Vec<f64> = (0..40).map(|i| 385e-9 + 10e-9 * f64::from(i)).collect();
-        assert!(linear_srgb_of(&coarse, &[0.4; 40]).iter().all(|c| (c - 0.4).abs() < 1e-12));
-        let fine: Vec<f64> = (0..400).map(|i| 380.5e-9 + 1e-9 * f64::from(i)).collect();
-        let pass = |keep: &dyn Fn(f64) -> bool| -> Vec<f64> {
-            fine.iter().map(|w| f64::from(u8::from(keep(*w)))).collect()
-        };
-        let red = linear_srgb_of(&fine, &pass(&|w| w > 600e-9));
-        let blue = linear_srgb_of(&fine, &pass(&|w| w < 490e-9));
-        assert!(red[0] > 0.5 && red[1] < 0.1 && red[2] < 0.05, "{red:?}");
-        assert!(blue[2] > 0.5 && blue[0] < 0.2 && blue[1] < 0.1, "{blue:?}");
     }
 
     /// Many small ensembles: their scatter about the mean of all is what one of them states as its error.

@@ -103,13 +103,16 @@ const RESCALE_ABOVE: f64 = 1.267_650_600_228_229_4e30; // 2^100
 const ROTATION_ROUNDING: f64 = 1.387_778_780_781_445_7e-17; // 2^-56
 const AMPLITUDE_ROUNDING: f64 = 5.551_115_123_125_783e-17; // 2^-54
 
+/// Most layers between two looks at the energy.
+const BLOCK: usize = 16;
+
 /// Layers between two looks at the energy. Few layers are looked at one by one: a cavity of three must not be missed.
 const fn look_every(layers: usize) -> usize {
     let layers = layers / 24;
     if layers < 1 {
         1
-    } else if layers > 16 {
-        16
+    } else if layers > BLOCK {
+        BLOCK
     } else {
         layers
     }
@@ -237,8 +240,10 @@ pub(super) fn lossless<const EMISSION: bool>(tile: &LosslessTile) -> TileResult 
             [s, p] = look_at_rotors(&mut memories, [s, p]);
         }
     } else {
+        let mut turns = [[Lanes::splat(0.0); 2]; BLOCK];
         for block in tile.layers.chunks(look_every) {
-            (s, p) = lossless_block::<EMISSION>(tile, block, s, p);
+            turn_block(tile, block, &mut turns);
+            (s, p) = lossless_block::<EMISSION>(tile, block, &turns, s, p);
             [s, p] = look_at_rotors(&mut memories, [s, p]);
         }
     }
@@ -287,16 +292,26 @@ fn turned(turns: &[Turn], block: &[u32], mut s: Rotor, mut p: Rotor) -> (Rotor, 
     (s, p)
 }
 
+/// (cos δ, sin δ) of a block of layers. In a loop of its own: the polynomials' coefficients and the state of the waves do not
+/// fit into the registers together.
+#[inline(always)]
+fn turn_block(tile: &LosslessTile, block: &[DenseLayer], turns: &mut [[Lanes; 2]; BLOCK]) {
+    for (layer, turn) in block.iter().zip(turns) {
+        let (cos, sin) = cos_sin_half_turns(tile.media[layer.medium].half_turns.scale(layer.thickness));
+        *turn = [cos, sin];
+    }
+}
+
 #[inline(always)]
 fn lossless_block<const EMISSION: bool>(
     tile: &LosslessTile,
     block: &[DenseLayer],
+    turns: &[[Lanes; 2]; BLOCK],
     mut s: Rotor,
     mut p: Rotor,
 ) -> (Rotor, Rotor) {
-    for layer in block {
+    for (layer, &[cos, sin]) in block.iter().zip(turns) {
         let medium = &tile.media[layer.medium];
-        let (cos, sin) = cos_sin_half_turns(medium.half_turns.scale(layer.thickness));
         let emits = EMISSION && layer.source != 0.0;
         let below = if EMISSION { [s.standing(), p.standing()] } else { [cos; 2] };
         if layer.medium == tile.reference {
@@ -441,14 +456,14 @@ pub(super) fn complex(tile: &ComplexTile) -> TileResult {
         }
         for (block, interfaces) in kinds.of_layer.chunks(look_every).zip(tile.interface_of.chunks(look_every))
         {
-            waves = passed(tile, &passages, block, interfaces, waves);
+            waves = passed(tile, block.iter().map(|&kind| &passages[kind as usize]), interfaces, waves);
             waves = look_at_waves(&mut memories, waves);
         }
     } else {
+        let mut passages = [[Lanes::splat(0.0); 2]; BLOCK];
         for (block, interfaces) in tile.layers.chunks(look_every).zip(tile.interface_of.chunks(look_every)) {
-            let decay;
-            (waves[0], waves[1], decay) = complex_block(tile, block, interfaces, waves[0], waves[1]);
-            total_decay = total_decay + decay;
+            total_decay = total_decay + passage_block(tile, block, &mut passages);
+            waves = passed(tile, passages[..block.len()].iter(), interfaces, waves);
             waves = look_at_waves(&mut memories, waves);
         }
     }
@@ -475,39 +490,32 @@ fn passage(medium: &ComplexMedium, layer: &DenseLayer) -> ([Lanes; 2], Lanes) {
     ([cos * shrink, sin * shrink], decay)
 }
 
+/// Through layers of known passage, each above an interface.
 #[inline(always)]
-fn passed(
+fn passed<'a>(
     tile: &ComplexTile,
-    passages: &[[Lanes; 2]],
-    block: &[u32],
+    passages: impl Iterator<Item = &'a [Lanes; 2]>,
     interfaces: &[usize],
     [mut s, mut p]: [Amplitudes; 2],
 ) -> [Amplitudes; 2] {
-    for (&kind, &at) in block.iter().zip(interfaces) {
-        let ([re, im], interface) = (passages[kind as usize], &tile.interfaces[at]);
+    for (&[re, im], &at) in passages.zip(interfaces) {
+        let interface = &tile.interfaces[at];
         s = s.interface(&interface.rho[0], interface.inverse_tau[0]).propagate(re, im);
         p = p.interface(&interface.rho[1], interface.inverse_tau[1]).propagate(re, im);
     }
     [s, p]
 }
 
+/// As [`turn_block`]; gives the decay of the block.
 #[inline(always)]
-fn complex_block(
-    tile: &ComplexTile,
-    block: &[DenseLayer],
-    interfaces: &[usize],
-    mut s: Amplitudes,
-    mut p: Amplitudes,
-) -> (Amplitudes, Amplitudes, Lanes) {
+fn passage_block(tile: &ComplexTile, block: &[DenseLayer], passages: &mut [[Lanes; 2]; BLOCK]) -> Lanes {
     let mut total = Lanes::splat(0.0);
-    for (layer, &at) in block.iter().zip(interfaces) {
-        let (medium, interface) = (&tile.media[layer.medium], &tile.interfaces[at]);
-        let ([re, im], decay) = passage(medium, layer);
+    for (layer, slot) in block.iter().zip(passages) {
+        let decay;
+        (*slot, decay) = passage(&tile.media[layer.medium], layer);
         total = total + decay;
-        s = s.interface(&interface.rho[0], interface.inverse_tau[0]).propagate(re, im);
-        p = p.interface(&interface.rho[1], interface.inverse_tau[1]).propagate(re, im);
     }
-    (s, p, total)
+    total
 }
 
 #[inline(always)]
