@@ -4,7 +4,7 @@
 //! paths that a few scouts find it needs; both in seconds of the same core. So the choice, and with it the bytes of the
 //! table, depend on the request alone: not on the machine, its load, or the number of threads.
 
-use super::{BakeError, COARSEST_DOUBLING, Request, SolverChoice, Target, sampling};
+use super::{BakeError, COARSEST_DOUBLING, Request, SolverChoice, Target, sampling, walk_only};
 use transport::doubling::Settings;
 use transport::walk::lanes::Precision;
 use transport::{Geometry, Normals, Transport};
@@ -35,6 +35,9 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
         return Ok((SolverChoice::Walk, reason));
     };
     let transport = request.transport()?;
+    if let Some(why) = walk_only(&transport) {
+        return Ok((SolverChoice::Walk, why.to_owned()));
+    }
     if transport.facets.slope_sd == 0.0 {
         return Ok((SolverChoice::Doubling, "smooth interfaces have a closed form".to_owned()));
     }

@@ -22,7 +22,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use transport::doubling::{self, DoublingError};
 use transport::walk::lanes::Precision;
-use transport::{Geometry, Transport};
+use transport::{Geometry, Light, Transport};
 
 /// Columns of a plane table: cells of 0.07 σ-widths at the lobe's centre keep the reading error near 5e-4.
 const PLANE_CELLS: usize = 128;
@@ -220,7 +220,16 @@ impl Request {
     /// # Errors
     /// As [`Recipe::transport`].
     pub fn transport(&self) -> Result<Transport, BakeError> {
-        let mut transport = self.recipe.transport(self.recipe.wavelength())?;
+        let wavelength = self.recipe.wavelength();
+        let has = |effect| self.effects.contains(effect);
+        let mut transport = if has(Effect::CoherentSheets) && has(Effect::Blur) {
+            self.recipe.sheet_transport(wavelength)?
+        } else {
+            self.recipe.transport(wavelength)?
+        };
+        if has(Effect::Polarisation) && has(Effect::Blur) {
+            transport.light = Light::Tracked;
+        }
         if !self.effects.contains(Effect::Absorption) {
             transport.optical_depths.fill(0.0);
         }
@@ -332,6 +341,9 @@ pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
         return Err(BakeError::Input(NO_PATHS.to_owned()));
     };
     let transport = request.transport()?;
+    if let Some(why) = walk_only(&transport) {
+        return Err(BakeError::Input(format!("solver doubling: {why}; use --solver walk or auto")));
+    }
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
     // Before the lobe, so that a refusal comes before the work.
     let colours = request.colours()?;
@@ -355,6 +367,14 @@ pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
         second_side::add(&mut table, request, &transport, &solution, below).map_err(invalid)?;
     }
     coloured(request, table, &colours)
+}
+
+/// Why a problem has no solution by doubling, if it has none.
+fn walk_only(transport: &Transport) -> Option<&'static str> {
+    if transport.sheets.is_some() {
+        return Some("coherent sheets are walked only");
+    }
+    (transport.light == Light::Tracked).then_some("s and p are tracked by the walk only")
 }
 
 fn invalid(flaw: lut_io::Flaw) -> BakeError {
@@ -468,6 +488,9 @@ fn doubling_seconds(request: &Request, transport: &Transport) -> Result<f64, Bak
     let Target::AccuracyPercent(percent) = request.target else {
         return Err(BakeError::Input(NO_PATHS.to_owned()));
     };
+    if let Some(why) = walk_only(transport) {
+        return Err(BakeError::Input(format!("solver doubling: {why}; use --solver walk or auto")));
+    }
     if transport.facets.slope_sd == 0.0 {
         return Ok(0.0); // a closed form
     }

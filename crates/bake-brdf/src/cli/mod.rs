@@ -6,6 +6,7 @@ mod plan;
 mod scene;
 mod study;
 mod terms;
+mod why_not;
 
 use clap::{Args, CommandFactory as _, Parser, Subcommand};
 use terminal::Outcome;

@@ -34,7 +34,7 @@ use self::kernel::{Column, columns};
 use self::solution::ModeResult;
 use self::stack::{Element, Run, elements, runs};
 use self::star::{Mirror, Resolved, Slab, times};
-use crate::{Geometry, Transport};
+use crate::{Geometry, Light, Transport};
 
 /// Resolutions that [`solve_to`] tries.
 const ATTEMPTS: usize = 6;
@@ -173,12 +173,31 @@ fn solve_side(
     settings: &Settings,
 ) -> Result<Solution, DoublingError> {
     settings.check(transport, geometry, theta_i)?;
+    if transport.sheets.is_some() {
+        return Err(DoublingError::WalkOnly("coherent sheets are walked only: use the walk"));
+    }
+    match (transport.light, geometry) {
+        (Light::Unpolarised, _) | (Light::S | Light::P, Geometry::Plane) => {}
+        (Light::Tracked, _) => {
+            return Err(DoublingError::WalkOnly("s and p have a solution each: solve both"));
+        }
+        (_, Geometry::Space) => {
+            let why =
+                "s and p are tracked in the plane of incidence only: in space they turn into each other";
+            return Err(DoublingError::WalkOnly(why));
+        }
+    }
     let grid = Grid::new(geometry, settings.nodes);
     let modes = settings.modes_in(geometry);
     let elements = elements(transport);
     let runs = runs(&elements);
     let sampling = settings.sampling(&grid);
-    let side = |from: f64, to: f64| Interface { eta: from / to, facets: transport.facets, sampling };
+    let side = |from: f64, to: f64| Interface {
+        eta: from / to,
+        facets: transport.facets,
+        light: transport.light,
+        sampling,
+    };
 
     let (ambient, first) = (transport.indices[0], transport.indices[1]);
     let mut sides = HashMap::new();
@@ -324,7 +343,12 @@ mod tests {
         let elements = elements(transport);
         let runs = runs(&elements);
         let sampling = settings.sampling(grid);
-        let side = |from: f64, to: f64| Interface { eta: from / to, facets: transport.facets, sampling };
+        let side = |from: f64, to: f64| Interface {
+            eta: from / to,
+            facets: transport.facets,
+            light: transport.light,
+            sampling,
+        };
         let sides = transport
             .indices
             .windows(2)

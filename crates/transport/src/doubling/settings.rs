@@ -90,6 +90,9 @@ pub enum DoublingError {
         /// Predicted time.
         seconds: f64,
     },
+    /// A problem that doubling does not solve as it stands.
+    #[error("{0}")]
+    WalkOnly(&'static str),
     /// The error estimate stayed above what was asked.
     #[error(
         "total variation {asked:e} asked, {reached:.1e} reached with {nodes} nodes: ask for less, or use the walk"

@@ -2,7 +2,7 @@
 
 use super::settings::{DoublingError, check_stack};
 use super::solution::Lobe;
-use crate::Transport;
+use crate::{Light, Transport};
 
 /// What a stack of smooth interfaces does to light of each incidence `theta_i` (radians): exact, whatever the facets of
 /// `transport` say of their slope.
@@ -14,6 +14,11 @@ use crate::Transport;
 /// [`DoublingError`] for a stack or an incidence out of range.
 pub fn smooth(transport: &Transport, theta_i: &[f64]) -> Result<Vec<Lobe>, DoublingError> {
     check_stack(transport, theta_i)?;
+    if transport.sheets.is_some() || transport.light == Light::Tracked {
+        return Err(DoublingError::WalkOnly(
+            "coherent sheets and tracked light are walked only: use the walk",
+        ));
+    }
     Ok(theta_i.iter().map(|&theta| lobe(transport, theta)).collect())
 }
 
@@ -38,6 +43,7 @@ fn lobe(transport: &Transport, theta_i: f64) -> Lobe {
 struct Faces<'a> {
     indices: &'a [f64],
     cosines: Vec<f64>,
+    light: Light,
 }
 
 impl<'a> Faces<'a> {
@@ -52,10 +58,10 @@ impl<'a> Faces<'a> {
                 ((1.0 - ratio) * (1.0 + ratio) + (ratio * cosine).powi(2)).max(0.0).sqrt()
             })
             .collect();
-        Self { indices, cosines }
+        Self { indices, cosines, light: transport.light }
     }
 
-    /// Fresnel reflectance of interface `i`, mean of s and p; the same from both sides.
+    /// Fresnel reflectance of interface `i` for the problem's light; the same from both sides.
     fn reflectance(&self, i: usize) -> f64 {
         let (n1, n2) = (self.indices[i], self.indices[i + 1]);
         let (c1, c2) = (self.cosines[i], self.cosines[i + 1]);
@@ -67,7 +73,11 @@ impl<'a> Faces<'a> {
         }
         let s = (n1 * c1 - n2 * c2) / (n1 * c1 + n2 * c2);
         let p = (n2 * c1 - n1 * c2) / (n2 * c1 + n1 * c2);
-        0.5 * (s * s + p * p)
+        match self.light {
+            Light::S => s * s,
+            Light::P => p * p,
+            Light::Unpolarised | Light::Tracked => 0.5 * (s * s + p * p),
+        }
     }
 
     fn count(&self) -> usize {

@@ -8,7 +8,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 
 use super::{Exit, Fate};
-use crate::{Geometry, Normals, Transport};
+use crate::{Geometry, Light, Normals, Transport};
 
 /// How an event turns the Fresnel reflectance R into a choice and a weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,6 +91,13 @@ impl<'a> Reference<'a> {
         let mut direction = [theta_i.sin(), 0.0, -theta_i.cos()];
         let (mut medium, mut interface) = (0, 0);
         let (mut weight, mut crossings, mut entered) = (1.0, 0, false);
+        // Share of s in the light that every event of this path meets.
+        let share = match self.transport.light {
+            Light::Unpolarised => 0.5,
+            Light::Tracked => f64::from(u8::from(random.random::<bool>())),
+            Light::S => 1.0,
+            Light::P => 0.0,
+        };
         loop {
             if crossings == self.event_cap {
                 return End { direction, weight, fate: Fate::Truncated, crossings };
@@ -104,7 +111,13 @@ impl<'a> Reference<'a> {
             let cos_i = -dot(direction, normal);
             let sin_t = n1 / n2 * (1.0 - cos_i * cos_i).max(0.0).sqrt();
             let cos_t = (1.0 - sin_t * sin_t).max(0.0).sqrt();
-            let reflectance = if sin_t >= 1.0 { 1.0 } else { fresnel(n1, n2, cos_i, cos_t) };
+            let sheet = self.transport.sheets.filter(|sheets| (1..=sheets.last).contains(&interface));
+            let (s, p) = match sheet {
+                Some(sheet) => sheet.reflectance(n1, cos_i),
+                None if sin_t >= 1.0 => (1.0, 1.0),
+                None => fresnel(n1, n2, cos_i, cos_t),
+            };
+            let reflectance = share * s + (1.0 - share) * p;
             let would_leave = direction[2] + 2.0 * cos_i * normal[2] > 0.0;
             let forced = self.estimator == Estimator::ForcedEntry && crossings == 1 && would_leave;
             if forced {
@@ -206,11 +219,11 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Unpolarised reflectance of an interface, (r_s² + r_p²)/2.
-fn fresnel(n1: f64, n2: f64, cos_i: f64, cos_t: f64) -> f64 {
+/// Reflectance of an interface for s and for p.
+fn fresnel(n1: f64, n2: f64, cos_i: f64, cos_t: f64) -> (f64, f64) {
     let r_s = (n1 * cos_i - n2 * cos_t) / (n1 * cos_i + n2 * cos_t);
     let r_p = (n2 * cos_i - n1 * cos_t) / (n2 * cos_i + n1 * cos_t);
-    0.5 * (r_s * r_s + r_p * r_p)
+    (r_s * r_s, r_p * r_p)
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
