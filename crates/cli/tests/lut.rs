@@ -359,33 +359,3 @@ fn help_version_completions_and_manual_are_there() {
         assert_eq!(run(wrong).status.code(), Some(2), "{wrong:?}");
     }
 }
-
-#[test]
-fn every_export_says_how_far_it_is_from_the_table() {
-    let table = file(&plane());
-    let folder = tempfile::tempdir().unwrap();
-    // Coarse cells are bent within a few nodes of the files; MERL's bins are 1° of difference angle and cannot hold grazing.
-    for (format, most) in [("bsdf-rgb", 2.0), ("bsdf-spectral", 2.0), ("merl", 12.0)] {
-        let out = folder.path().join(format);
-        let args = ["export", "--to", format, "--json", "-o", out.to_str().unwrap()];
-        let report = json(&lut(&args, &table.path));
-        assert_eq!((&report["schema"], &report["format"]), (&"lut-export/1".into(), &format.into()));
-        assert_eq!(report["bytes"], std::fs::metadata(&out).unwrap().len());
-        for row in report["round_trip"]["per_incidence"].as_array().unwrap() {
-            let (theta, error) =
-                (row["theta_i_deg"].as_f64().unwrap(), row["error_percent"].as_f64().unwrap());
-            assert!(error > 0.0 && (error < most || theta > 70.0), "{format} {row}");
-        }
-        let again = folder.path().join("again");
-        let args = ["export", "--to", format, "-q", "--threads", "1", "-o", again.to_str().unwrap()];
-        assert_eq!(lut(&args, &table.path).status.code(), Some(0));
-        assert!(std::fs::read(&out).unwrap() == std::fs::read(&again).unwrap(), "{format}: other bytes");
-    }
-}
-
-#[test]
-fn an_export_in_an_unknown_format_is_refused() {
-    let output = lut(&["export", "--to", "exr", "-o", "never"], &file(&plane()).path);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(!std::path::Path::new("never").exists());
-}
