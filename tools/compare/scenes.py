@@ -133,9 +133,10 @@ def samples(scene, sampler, size, spp, seed):
         to_light = target - point
         wo = frame.to_local(dr.normalize(to_light))
         light = mi.Color3f(strength / dr.squared_norm(to_light))
-    valid &= wo.z > 0
-    wo = dr.select(valid, wo, mi.Vector3f(0, 0, 1))
-    light = dr.select(valid, light, 0)
+    # A direction that was not found, or below the horizon, is a path without light; the camera's part of it stays valid.
+    lit = valid & (wo.z > 0)
+    wo = dr.select(lit, wo, mi.Vector3f(0, 0, 1))
+    light = dr.select(lit, light, 0)
     dr.eval(pixel, wi, wo, light, valid, frame, point)
     return Samples(pixel, wi, wo, light, valid, frame, radiance, point)
 
