@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+import scenes
 import walk
 
 
@@ -133,7 +134,7 @@ class Walk:
         index = dr.compress(samples.valid)
         pick = lambda value: dr.gather(type(value), value, index)  # noqa: E731
         wi = pick(samples.wi)
-        rng = mi.PCG32(dr.width(index), initstate=seed, initseq=dr.arange(mi.UInt64, dr.width(index)))
+        rng = scenes.generators(dr.width(index), seed)
         wo, weight = walk.sample(self.stack, wi, rng, self.body)
         full = dr.zeros(mi.Vector3f, dr.width(samples.pixel))
         dr.scatter(full, wo, index)
