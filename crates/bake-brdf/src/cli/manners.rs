@@ -9,8 +9,13 @@ use terminal::Stop;
 /// Set by Ctrl-C.
 pub(crate) static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
-/// Lets Ctrl-C and SIGTERM end the bake between two tasks instead of in the middle of a write.
+/// Lets Ctrl-C and SIGTERM end the bake between two tasks instead of in the middle of a write. A scene of several tables asks
+/// for it several times.
 pub(crate) fn watch_for_interrupts() -> Result<(), Stop> {
+    static WATCHED: AtomicBool = AtomicBool::new(false);
+    if WATCHED.swap(true, Ordering::Relaxed) {
+        return Ok(());
+    }
     ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Relaxed)).map_err(Stop::failure)
 }
 
