@@ -8,7 +8,7 @@ mod merge;
 mod plot;
 mod slice;
 
-use clap::{Args, CommandFactory as _, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 use lut_io::lobe::Interpolant;
 use lut_io::{LutError, Table, exr_file};
 use std::path::{Path, PathBuf};
@@ -66,7 +66,7 @@ enum Command {
     /// Print a shell completion script.
     Completions {
         /// bash, elvish, fish, powershell or zsh.
-        shell: clap_complete::Shell,
+        shell: terminal::Shell,
     },
     /// Print the manual page (roff).
     Man,
@@ -85,16 +85,8 @@ fn run(cli: Cli) -> Outcome {
         Command::Check(args) => check::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Merge(args) => merge::run(&args),
-        Command::Completions { shell } => {
-            let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), "lut", &mut script);
-            terminal::print(&String::from_utf8_lossy(&script))
-        }
-        Command::Man => {
-            let mut page = Vec::new();
-            clap_mangen::Man::new(Cli::command()).render(&mut page)?;
-            terminal::print(&String::from_utf8_lossy(&page))
-        }
+        Command::Completions { shell } => terminal::completions::<Cli>(shell),
+        Command::Man => terminal::manual::<Cli>(),
     }
 }
 
