@@ -1,6 +1,7 @@
 //! From a recipe to a table: chooses cells and incidences, runs a solver, assembles the result.
 
 pub(crate) mod assemble;
+pub mod reproduce;
 pub mod sampling;
 pub mod snapshot;
 

@@ -17,8 +17,6 @@ use transport::walk::lanes::Precision;
 /// Accuracy of a bake that asks for none, per cent: about half a minute for the paper's pearl on two cores.
 const DEFAULT_ACCURACY_PERCENT: f64 = 1.0;
 
-/// Least time between two checkpoints: what a SIGKILL can cost.
-const CHECKPOINT_EVERY: Duration = Duration::from_secs(1);
 /// Most shards of a bake.
 const MOST_SHARDS: u32 = 100_000;
 
@@ -60,6 +58,9 @@ pub(crate) struct BakeArgs {
     /// expected to take more than a minute. It is removed when the table is written.
     #[arg(long, conflicts_with = "shard")]
     checkpoint: bool,
+    /// Least time between two checkpoints: what a SIGKILL can cost.
+    #[arg(long, value_name = "SECONDS", default_value_t = 1.0, conflicts_with = "shard")]
+    checkpoint_every: f64,
     /// Go on from the checkpoint beside the output; start afresh where there is none.
     #[arg(long, conflicts_with = "shard")]
     resume: bool,
@@ -69,6 +70,12 @@ pub(crate) struct BakeArgs {
     /// Say what the bake would cost and write nothing.
     #[arg(long)]
     dry_run: bool,
+    /// Bake a table again from its own metadata and compare every bit; exit 3 if one differs. Writes nothing.
+    #[arg(long, value_name = "FILE", conflicts_with_all = [
+        "recipe", "output", "solver", "target", "seed", "azimuth", "incident_deg", "event_cap", "precision",
+        "checkpoint", "checkpoint_every", "resume", "shard", "dry_run",
+    ])]
+    reproduce: Option<PathBuf>,
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
@@ -93,6 +100,9 @@ enum AzimuthArg {
 
 /// Runs the command.
 pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
+    if let Some(table) = &args.reproduce {
+        return super::reproduce::run(table, manners);
+    }
     let request = request(args)?;
     request.check().map_err(stop)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(manners.threads.unwrap_or(0).into()).build();
@@ -113,7 +123,8 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
             .install(|| watched(manners, None, |observer| snapshot::walk_shard(&request, shard, observer)))?;
         return snapshot.write(&output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())));
     }
-    let keeper = Keeper::new(&output, args.checkpoint, &request);
+    let every = budget("checkpoint-every", args.checkpoint_every)?;
+    let keeper = Keeper::new(&output, args.checkpoint, every, &request);
     let table = if pool.install(|| choose(args, &request, manners))? == SolverChoice::Doubling {
         pool.install(|| bake::doubling(&request)).map_err(stop)?
     } else {
@@ -156,21 +167,24 @@ fn parse_shard(text: &str) -> Result<Shard, Stop> {
 }
 
 /// The checkpoint beside an output.
-struct Keeper<'a> {
+pub(super) struct Keeper<'a> {
     path: PathBuf,
     request: &'a Request,
+    /// Least time between two checkpoints.
+    every: Duration,
     /// Set from the start by `--checkpoint`, or by a forecast of more than a minute.
     on: AtomicBool,
     failed: AtomicBool,
 }
 
 impl<'a> Keeper<'a> {
-    fn new(output: &Path, from_the_start: bool, request: &'a Request) -> Self {
+    fn new(output: &Path, from_the_start: bool, every: Duration, request: &'a Request) -> Self {
         let mut path = output.as_os_str().to_owned();
         path.push(".checkpoint");
         Self {
             path: path.into(),
             request,
+            every,
             on: AtomicBool::new(from_the_start),
             failed: AtomicBool::new(false),
         }
@@ -204,6 +218,15 @@ impl<'a> Keeper<'a> {
         }
     }
 
+    /// What an interrupted bake has to say.
+    fn interrupted(&self) -> Stop {
+        let path = self.path.display();
+        if self.on.load(Ordering::Relaxed) && self.path.exists() {
+            return Stop::failure(format!("interrupted; {path} keeps the work: go on with --resume"));
+        }
+        Stop::failure(BakeError::Interrupted)
+    }
+
     fn remove(&self) {
         if self.on.load(Ordering::Relaxed) {
             // It may never have been written.
@@ -232,7 +255,7 @@ fn request(args: &BakeArgs) -> Result<Request, Stop> {
         },
         target: match (args.accuracy, args.paths, args.time_budget) {
             (_, Some(paths), _) => Target::Paths(paths),
-            (_, _, Some(seconds)) => Target::Time(budget(seconds)?),
+            (_, _, Some(seconds)) => Target::Time(budget("time-budget", seconds)?),
             (accuracy, _, _) => Target::AccuracyPercent(accuracy.unwrap_or(DEFAULT_ACCURACY_PERCENT)),
         },
         seed: args.seed,
@@ -245,11 +268,11 @@ fn request(args: &BakeArgs) -> Result<Request, Stop> {
     })
 }
 
-fn budget(seconds: f64) -> Result<Duration, Stop> {
+fn budget(flag: &str, seconds: f64) -> Result<Duration, Stop> {
     if seconds > 0.0 && seconds <= 1e9 {
         return Ok(Duration::from_secs_f64(seconds));
     }
-    Err(Stop::BadInput(format!("--time-budget: {seconds} is not a time; expected seconds, more than 0")))
+    Err(Stop::BadInput(format!("--{flag}: {seconds} is not a time; expected seconds, more than 0")))
 }
 
 /// Parses `0:90:10,45` into ascending distinct angles.
@@ -306,7 +329,7 @@ fn writable(output: &Path) -> Outcome {
 }
 
 /// Runs a bake with a progress bar, a forecast and, where there is a keeper, checkpoints.
-fn watched<T>(
+pub(super) fn watched<T>(
     manners: &Manners,
     keeper: Option<&Keeper<'_>>,
     work: impl FnOnce(&Observer<'_>) -> Result<T, BakeError>,
@@ -339,10 +362,13 @@ fn watched<T>(
             keeper.keep(state);
         }
     };
-    let checkpoint = Some(Checkpoint { every: CHECKPOINT_EVERY, keep: &keep });
+    let checkpoint = keeper.map(|keeper| Checkpoint { every: keeper.every, keep: &keep });
     let observer =
         Observer { stop: &manners::INTERRUPTED, progress: &progress, forecast: &forecast, checkpoint };
-    let result = work(&observer).map_err(stop);
+    let result = work(&observer).map_err(|why| match (&why, keeper) {
+        (BakeError::Interrupted, Some(keeper)) => keeper.interrupted(),
+        _ => stop(why),
+    });
     bar.finish_and_clear();
     result
 }

@@ -2,6 +2,7 @@
 
 mod bake;
 mod manners;
+mod reproduce;
 mod study;
 
 use clap::{Args, CommandFactory as _, Parser, Subcommand};
@@ -17,6 +18,7 @@ use terminal::Outcome;
   bake-brdf --paths 1000000 --seed 7 --json  a million paths per incidence, report as JSON
   bake-brdf --incident-deg 0:90:10,45        a few incidences
   bake-brdf --dry-run --accuracy 0.1         what would that cost?
+  bake-brdf --reproduce pearl.exr            bake it again from its metadata: the same bits?
   bake-brdf study -o study                   what accuracy costs in time, with a figure
   bake-brdf schema                           the JSON Schema of a recipe")]
 pub(crate) struct Cli {

@@ -23,7 +23,8 @@ use terminal::{Outcome, Stop};
   lut slice pearl.exr --theta-i 30 --phi 0 --csv     the lobe in the plane of incidence
   lut plot pearl.exr -o figures                      Figs. 6, 7 and 10 of the paper, SVG and PNG
   lut diff pearl.exr other.exr                       exit 3 if they differ by more than their errors
-  lut check pearl.exr                                exit 3 if something that must hold does not")]
+  lut check pearl.exr                                exit 3 if something that must hold does not
+  lut check pearl.exr --against other_seed.exr       and are its error bars honest?")]
 struct Cli {
     #[command(subcommand)]
     command: Command,

@@ -1,0 +1,211 @@
+//! A table baked again from its own metadata, and what is not the same bit for bit.
+//!
+//! The metadata hold the whole recipe, the seed, the solver and its settings, the incidences and the paths walked at
+//! each, so that nothing else is needed. A bake to an accuracy goes through its decisions again; one to a path count
+//! or a time walks the paths that the table says it holds.
+
+use super::{BakeError, Observer, Request, Target, assemble};
+use crate::bake::sampling::{self, Shard};
+use crate::recipe::Recipe;
+use lut_io::table::{Component, Lobe, Meta, Solver, Table};
+use serde::Serialize;
+use serde_json::Value;
+use std::time::Duration;
+use transport::walk::lanes::Precision;
+
+/// One place where two tables are not the same.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// Key of the metadata (`per_incidence[3].albedo`) or channel (`channel interior_std_error`).
+    pub field: String,
+    /// What the first table holds.
+    pub stored: String,
+    /// What the second holds.
+    pub again: String,
+}
+
+/// The request that makes this table again.
+///
+/// # Errors
+/// Metadata that no bake of this version writes; the line names the key.
+pub fn request(meta: &Meta) -> Result<Request, BakeError> {
+    let missing = |key: &str, right: &str| BakeError::Input(format!("solver_settings.{key}: {right}"));
+    let recipe = Recipe::from_json(&meta.recipe.to_string())
+        .map_err(|why| BakeError::Input(format!("recipe in the metadata: {why}")))?;
+    let walked = meta.solver == Solver::Walk;
+    let precision = match meta.solver_settings.get("precision").and_then(Value::as_str) {
+        Some("f32") => Precision::F32,
+        Some("f64") => Precision::F64,
+        _ if walked => return Err(missing("precision", "expected f32 or f64")),
+        _ => Precision::Auto,
+    };
+    let event_cap = match meta.solver_settings.get("event_cap").and_then(Value::as_u64).map(u32::try_from) {
+        Some(Ok(cap)) => cap,
+        _ if walked => return Err(missing("event_cap", "expected a number of events")),
+        _ => super::DEFAULT_EVENT_CAP,
+    };
+    if let Some(at) =
+        meta.per_incidence.iter().find(|at| walked && !(1..=sampling::MAX_PATHS).contains(&at.paths))
+    {
+        let (theta, paths, most) = (at.theta_i_deg, at.paths, sampling::MAX_PATHS);
+        return Err(BakeError::Input(format!(
+            "per_incidence at {theta}°: paths is {paths}; expected 1 to {most} in a walked table"
+        )));
+    }
+    let request = Request {
+        recipe,
+        incident_deg: meta.per_incidence.iter().map(|at| at.theta_i_deg).collect(),
+        // Without an accuracy the walk goes to the stored path counts, whatever they came from.
+        target: meta.accuracy.asked_percent.map_or(Target::Time(Duration::MAX), Target::AccuracyPercent),
+        seed: meta.seed,
+        event_cap,
+        precision,
+    };
+    request.check()?;
+    Ok(request)
+}
+
+/// Bakes a table again from its metadata.
+///
+/// # Errors
+/// As [`request`], and those of the bake.
+pub fn bake_again(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeError> {
+    let request = request(meta)?;
+    if meta.solver == Solver::Doubling {
+        return super::doubling(&request);
+    }
+    if meta.accuracy.asked_percent.is_some() {
+        return super::walk(&request, observer, None);
+    }
+    let paths: Vec<u64> = meta.per_incidence.iter().map(|at| at.paths).collect();
+    let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    sampling.walk_to_each(&paths, observer)?;
+    Ok(assemble::walk_table(&request, &transport, &axis, &sampling))
+}
+
+/// Every key of the metadata and every channel in which two tables are not the same bit for bit.
+#[must_use]
+pub fn differences(stored: &Table, again: &Table) -> Vec<Difference> {
+    let mut found = Vec::new();
+    let as_json = |meta: &Meta| serde_json::to_value(meta).unwrap_or_default();
+    compare_json("", &as_json(&stored.meta), &as_json(&again.meta), &mut found);
+    for component in Component::ALL {
+        compare_lobes(component.name(), stored, stored.lobe(component), again.lobe(component), &mut found);
+    }
+    found
+}
+
+fn compare_json(field: &str, stored: &Value, again: &Value, found: &mut Vec<Difference>) {
+    let below = |key: &str| if field.is_empty() { key.to_owned() } else { format!("{field}.{key}") };
+    match (stored, again) {
+        (Value::Object(a), Value::Object(b)) => {
+            for (key, value) in a {
+                compare_json(&below(key), value, b.get(key).unwrap_or(&Value::Null), found);
+            }
+            for (key, value) in b.iter().filter(|(key, _)| !a.contains_key(*key)) {
+                compare_json(&below(key), &Value::Null, value, found);
+            }
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            for (index, (a, b)) in a.iter().zip(b).enumerate() {
+                compare_json(&format!("{field}[{index}]"), a, b, found);
+            }
+        }
+        _ if stored == again => (),
+        _ => found.push(Difference { field: field.to_owned(), stored: brief(stored), again: brief(again) }),
+    }
+}
+
+/// A JSON value short enough for a line.
+fn brief(value: &Value) -> String {
+    const MOST: usize = 60;
+    let text = value.to_string();
+    if text.chars().count() <= MOST { text } else { text.chars().take(MOST).chain(['…']).collect() }
+}
+
+fn compare_lobes(name: &str, table: &Table, stored: &Lobe, again: &Lobe, found: &mut Vec<Difference>) {
+    let pairs = [
+        (name.to_owned(), &stored.value, &again.value),
+        (format!("{name}_std_error"), &stored.std_error, &again.std_error),
+        (format!("{name}_count"), &stored.count, &again.count),
+    ];
+    for (channel, a, b) in pairs {
+        let field = format!("channel {channel}");
+        if a.len() != b.len() {
+            let cells = |samples: &[f32]| format!("{} cells", samples.len());
+            found.push(Difference { field, stored: cells(a), again: cells(b) });
+            continue;
+        }
+        let differing = |(a, b): (&f32, &f32)| a.to_bits() != b.to_bits();
+        let Some(first) = a.iter().zip(b).position(differing) else { continue };
+        let count = a.iter().zip(b).filter(|&(a, b)| differing((a, b))).count();
+        let per_incidence = table.meta.exit_axis.cells();
+        let theta_i = table.meta.per_incidence[first / per_incidence].theta_i_deg;
+        let cell = first % per_incidence;
+        found.push(Difference {
+            field: format!("{field}, {count} of {} cells, first at {theta_i}° cell {cell}", a.len()),
+            stored: a[first].to_string(),
+            again: b[first].to_string(),
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bake;
+
+    fn baked(target: Target, incident_deg: &[f64]) -> Table {
+        let request = Request {
+            recipe: Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap(),
+            incident_deg: incident_deg.to_vec(),
+            target,
+            seed: 5,
+            event_cap: 1000,
+            precision: Precision::Auto,
+        };
+        bake::walk(&request, &Observer::idle(), None).unwrap()
+    }
+
+    fn again(table: &Table) -> Vec<Difference> {
+        differences(table, &bake_again(&table.meta, &Observer::idle()).unwrap())
+    }
+
+    #[test]
+    fn a_walk_to_any_target_is_made_again_from_its_metadata() {
+        for target in
+            [Target::Paths(50_001), Target::AccuracyPercent(2.0), Target::Time(Duration::from_millis(300))]
+        {
+            assert_eq!(again(&baked(target, &[0.0, 30.0, 80.0])), [], "{target:?}");
+        }
+    }
+
+    #[test]
+    fn what_differs_is_named_by_key_and_by_channel() {
+        let mut table = baked(Target::Paths(9000), &[10.0, 70.0]);
+        let cells = table.meta.exit_axis.cells();
+        let at = cells + table.interior.value[cells..].iter().position(|value| *value > 0.0).unwrap();
+        table.interior.value[at] = table.interior.value[at].next_up();
+        table.meta.per_incidence[1].skew_theta_o += 1e-9;
+        let found = again(&table);
+        let fields: Vec<&str> = found.iter().map(|difference| difference.field.as_str()).collect();
+        let channel = format!("channel interior, 1 of {} cells, first at 70° cell {}", 2 * cells, at - cells);
+        assert_eq!(fields, ["per_incidence[1].skew_theta_o", &channel]);
+        table.meta.seed = 6;
+        assert!(again(&table).len() > 10, "another seed differs nearly everywhere");
+    }
+
+    #[test]
+    fn metadata_that_cannot_be_baked_are_refused_by_key() {
+        let table = baked(Target::Paths(5000), &[10.0]);
+        let refusal = |change: &dyn Fn(&mut Meta)| {
+            let mut meta = table.meta.clone();
+            change(&mut meta);
+            request(&meta).unwrap_err().to_string()
+        };
+        assert!(refusal(&|meta| meta.recipe["stack"]["layers"] = "six".into()).contains("stack.layers"));
+        assert!(refusal(&|meta| meta.solver_settings["precision"] = "f16".into()).contains("precision"));
+        assert!(refusal(&|meta| meta.solver_settings["event_cap"] = 1e40.into()).contains("event_cap"));
+        assert!(refusal(&|meta| meta.per_incidence[0].paths = u64::MAX).contains("paths is"));
+    }
+}
