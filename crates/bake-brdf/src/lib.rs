@@ -1,6 +1,7 @@
 //! Recipe, plan, solvers and bake of the nacre light walk.
 
 pub mod bake;
+pub mod effects;
 pub mod recipe;
 pub mod spectra;
 pub mod study;

@@ -241,6 +241,7 @@ fn request(recipe: &Recipe, incident_deg: &[f64], azimuth: AzimuthMode) -> Reque
     let mut recipe = recipe.clone();
     recipe.azimuth.mode = azimuth;
     Request {
+        effects: crate::bake::effects_of(&recipe),
         recipe,
         incident_deg: incident_deg.to_vec(),
         target: Target::AccuracyPercent(1.0),
@@ -313,6 +314,7 @@ fn effects(recipe: &Recipe) -> Result<Vec<EffectCost>, BakeError> {
     if let Some(layers) = &mut absorbing.recipe.stack.explicit {
         layers.iter_mut().for_each(|layer| layer.k += 1e-5);
     }
+    absorbing.effects = crate::bake::effects_of(&absorbing.recipe);
     let mut visible = base.clone();
     visible.recipe.facets.normals = transport::Normals::Visible;
     let space = request(recipe, &[30.0], AzimuthMode::Walk);

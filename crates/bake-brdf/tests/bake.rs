@@ -177,6 +177,10 @@ fn bad_input_is_one_line_and_exit_2_and_harms_nothing() {
         &["--event-cap", "0"],
         &["--threads", "0"],
         &["--frobnicate"],
+        &["--reproduce", "garbage.json"],
+        &["--reproduce", "missing.exr"],
+        &["--reproduce", "pearl.exr", "--seed", "3"],
+        &["--checkpoint-every", "0"],
         &["--seed", "x"],
     ] {
         assert_refused(folder.path(), args);
@@ -340,6 +344,32 @@ fn a_checkpoint_of_another_bake_is_refused() {
 }
 
 #[test]
+fn a_table_is_reproduced_bit_for_bit_from_its_metadata_and_a_changed_one_is_not() {
+    for args in [
+        &["--paths", "9000"][..],
+        &["--accuracy", "5"],
+        &["--time-budget", "0.3", "--azimuth", "walk"],
+        &["--solver", "doubling", "--accuracy", "1"],
+        &["--effects", "surface", "--paths", "9000"],
+        &["--effects", "body"],
+    ] {
+        let folder = folder();
+        let mut table = bake(folder.path(), &[args, &["--incident-deg", "0,30,80", "--seed", "9"]].concat());
+        let same = tool(folder.path(), &["--reproduce", "pearl.exr", "--json"]);
+        let report: serde_json::Value = serde_json::from_slice(&same.stdout).unwrap();
+        assert_eq!(same.status.code(), Some(0), "{args:?}: {report:#}");
+        assert_eq!((&report["identical"], &report["same_bytes"]), (&true.into(), &true.into()), "{args:?}");
+        let cell = table.interior.value.len() / 2;
+        table.interior.value[cell] = table.interior.value[cell].next_up();
+        exr_file::write(&table, &folder.path().join("pearl.exr")).unwrap();
+        let other = tool(folder.path(), &["--reproduce", "pearl.exr"]);
+        let line = String::from_utf8_lossy(&other.stderr).into_owned();
+        assert_eq!(other.status.code(), Some(3), "{args:?}: {line}");
+        assert!(line.contains("channel interior, 1 of"), "{args:?}: {line}");
+    }
+}
+
+#[test]
 fn both_solvers_write_the_same_lobe() {
     for mode in ["decay", "walk"] {
         let args = ["--incident-deg", "0,30,60,85", "--azimuth", mode];
@@ -372,4 +402,48 @@ fn both_solvers_write_the_same_lobe() {
             sum / cells
         );
     }
+}
+
+#[test]
+fn a_table_holds_the_effects_asked_for_and_no_others() {
+    let listed = |list: &str| {
+        bake_recipe(ABSORBING, &["--paths", "20000", "--incident-deg", "0,60", "--effects", list])
+    };
+    let whole = listed("blur,absorption,body");
+    assert_eq!(whole.meta.effects, ["surface", "blur", "azimuth", "absorption", "body"]);
+    let clear = listed("blur");
+    assert_eq!(clear.meta.effects, ["surface", "blur", "azimuth"]);
+    let surface = listed("surface");
+    assert_eq!(surface.meta.effects, ["surface"]);
+    for ((whole, clear), surface) in
+        whole.meta.per_incidence.iter().zip(&clear.meta.per_incidence).zip(&surface.meta.per_incidence)
+    {
+        assert!(whole.absorbed > 0.1 && clear.absorbed == 0.0, "{whole:?} {clear:?}");
+        assert!(clear.albedo > clear.surface + 0.01, "{clear:?}");
+        assert_eq!(surface.albedo, surface.surface, "nothing comes back from below");
+        // The same flat walk meets the same first facet: 20,000 paths, 5 standard errors.
+        assert!((surface.surface - clear.surface).abs() < 5.0 * (0.1_f64 * 0.9 / 20_000.0).sqrt());
+    }
+    let none = listed("body");
+    assert_eq!(none.meta.effects, ["body"]);
+    assert!(none.interior.value.iter().chain(&none.surface.value).all(|value| *value == 0.0));
+    assert!(none.meta.per_incidence.iter().all(|row| row.albedo == 0.0 && row.transmitted == 1.0));
+}
+
+const ABSORBING: &str = r#"{"stack":{"layers":40,"aragonite":{"n":1.9},"conchiolin":{"k":0.1}}}"#;
+
+#[test]
+fn effects_that_cannot_be_baked_are_refused_in_one_line() {
+    let folder = folder();
+    for (list, said) in [
+        ("glitter", "--effects: \"glitter\" is no effect; expected all, or a list of surface, blur"),
+        ("blur,,body", "--effects: \"\" is no effect"),
+        ("azimuth:flat", "--effects: azimuth:flat is no azimuth; expected azimuth:decay or azimuth:walk"),
+    ] {
+        let output = tool(folder.path(), &["--effects", list]);
+        let line = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{list}: {line}");
+        assert!(line.contains(said) && line.trim_end().lines().count() == 1, "{list}: {line}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).expect("the folder reads").count(), 0);
 }

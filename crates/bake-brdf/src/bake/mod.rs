@@ -5,6 +5,7 @@ pub mod reproduce;
 pub mod sampling;
 pub mod snapshot;
 
+use crate::effects::{Decisions, Effect, EffectSet, View};
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
 use crate::tally::Tally;
 use lut_io::axis::{ExitAxis, MAX_WIDTH};
@@ -61,6 +62,8 @@ pub enum SolverChoice {
 pub struct Request {
     /// The pearl.
     pub recipe: Recipe,
+    /// What of it is baked.
+    pub effects: EffectSet,
     /// Angles of incidence, degrees, ascending, within [0, 90].
     pub incident_deg: Vec<f64>,
     /// When to stop.
@@ -202,12 +205,22 @@ impl Request {
         }
     }
 
-    /// The transport problem at the recipe's wavelength.
+    /// The transport problem at the recipe's wavelength, of the effects that are baked.
     ///
     /// # Errors
     /// As [`Recipe::transport`].
     pub fn transport(&self) -> Result<Transport, BakeError> {
-        Ok(self.recipe.transport(self.recipe.wavelength())?)
+        let mut transport = self.recipe.transport(self.recipe.wavelength())?;
+        if !self.effects.contains(Effect::Absorption) {
+            transport.optical_depths.fill(0.0);
+        }
+        if !self.effects.contains(Effect::Blur) {
+            // The surface alone: what passes it goes on into more of the same, where nothing reflects.
+            let [ambient, first] = [transport.indices[0], transport.indices[1]];
+            transport.indices = vec![ambient, first, first];
+            transport.optical_depths = vec![0.0];
+        }
+        Ok(transport)
     }
 
     /// Angles of incidence, radians.
@@ -236,11 +249,33 @@ impl Request {
     }
 }
 
+/// The effects that a recipe's own look calls for.
+#[must_use]
+pub fn effects_of(recipe: &Recipe) -> EffectSet {
+    Decisions::of(recipe, &View::of_look(&recipe.look)).set()
+}
+
+/// A table without a lobe: all light goes to the body. No solver is needed.
+///
+/// # Errors
+/// A bad request.
+fn lobeless(request: &Request) -> Result<Table, BakeError> {
+    request.check()?;
+    let transport = request.transport()?;
+    let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    // Two incidences hold what there is to say.
+    let request = Request { incident_deg: vec![0.0, 90.0], ..request.clone() };
+    Ok(assemble::lobeless_table(&request, &transport, &axis))
+}
+
 /// Bakes with adding and doubling to the accuracy asked for.
 ///
 /// # Errors
 /// A request for paths or time, or a problem out of the solver's reach; the message says what would do.
 pub fn doubling(request: &Request) -> Result<Table, BakeError> {
+    if !request.effects.has_lobe() {
+        return lobeless(request);
+    }
     request.check()?;
     let Target::AccuracyPercent(percent) = request.target else {
         return Err(BakeError::Input(
@@ -294,6 +329,9 @@ pub fn walk(
     observer: &Observer<'_>,
     resume: Option<Snapshot>,
 ) -> Result<Table, BakeError> {
+    if !request.effects.has_lobe() {
+        return lobeless(request);
+    }
     let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
     let result = walk_target(request, &mut sampling, observer, resume);
     if let (Err(BakeError::Interrupted), Some(checkpoint)) = (&result, &observer.checkpoint) {
@@ -338,6 +376,9 @@ pub struct Forecast {
 /// # Errors
 /// As [`walk`].
 pub fn forecast(request: &Request, observer: &Observer<'_>) -> Result<Forecast, BakeError> {
+    if !request.effects.has_lobe() {
+        return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0 });
+    }
     let (mut sampling, _, axis) = request.sampling(Shard::WHOLE)?;
     let (seconds, paths) = sampling.forecast(request.target, observer)?;
     let cells = axis.cells() as u64 * request.incident_deg.len() as u64;

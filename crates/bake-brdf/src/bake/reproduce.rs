@@ -6,6 +6,7 @@
 
 use super::{BakeError, Observer, Request, Target, assemble};
 use crate::bake::sampling::{self, Shard};
+use crate::effects::Effect;
 use crate::recipe::Recipe;
 use lut_io::table::{Component, Lobe, Meta, Solver, Table};
 use serde::Serialize;
@@ -52,8 +53,13 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
             "per_incidence at {theta}°: paths is {paths}; expected 1 to {most} in a walked table"
         )));
     }
+    let effect = |name: &String| {
+        let unknown = || BakeError::Input(format!("effects: {name:?} is not an effect of this version"));
+        Effect::from_name(name).ok_or_else(unknown)
+    };
     let request = Request {
         recipe,
+        effects: meta.effects.iter().map(effect).collect::<Result<_, _>>()?,
         incident_deg: meta.per_incidence.iter().map(|at| at.theta_i_deg).collect(),
         // Without an accuracy the walk goes to the stored path counts, whatever they came from.
         target: meta.accuracy.asked_percent.map_or(Target::Time(Duration::MAX), Target::AccuracyPercent),
@@ -156,8 +162,10 @@ mod tests {
     use crate::bake;
 
     fn baked(target: Target, incident_deg: &[f64]) -> Table {
+        let recipe = Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap();
         let request = Request {
-            recipe: Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap(),
+            effects: bake::effects_of(&recipe),
+            recipe,
             incident_deg: incident_deg.to_vec(),
             target,
             seed: 5,
@@ -207,5 +215,6 @@ mod tests {
         assert!(refusal(&|meta| meta.solver_settings["precision"] = "f16".into()).contains("precision"));
         assert!(refusal(&|meta| meta.solver_settings["event_cap"] = 1e40.into()).contains("event_cap"));
         assert!(refusal(&|meta| meta.per_incidence[0].paths = u64::MAX).contains("paths is"));
+        assert!(refusal(&|meta| meta.effects.push("glitter".to_owned())).contains("effects: \"glitter\""));
     }
 }

@@ -6,6 +6,7 @@
 
 use super::sampling::{Sampling, Shard, State};
 use super::{BakeError, Observer, Request, Target, assemble};
+use crate::effects::Effect;
 use lut_io::table::Table;
 use serde::{Deserialize, Serialize};
 use std::io;
@@ -23,6 +24,8 @@ pub struct Snapshot {
     pub writer: String,
     /// What is baked (the recipe as JSON text).
     pub recipe: String,
+    /// Names of the effects that are baked.
+    pub effects: Vec<String>,
     /// Angles of incidence, degrees.
     pub incident_deg: Vec<f64>,
     /// When the bake is finished.
@@ -65,6 +68,7 @@ impl Snapshot {
         Self {
             writer: writer(),
             recipe: request.recipe.to_json().to_string(),
+            effects: request.effects.names(),
             incident_deg: request.incident_deg.clone(),
             target: request.target,
             seed: request.seed,
@@ -82,8 +86,13 @@ impl Snapshot {
     pub fn request(&self) -> Result<Request, SnapshotError> {
         let recipe = crate::recipe::Recipe::from_json(&self.recipe)
             .map_err(|why| SnapshotError::Damaged(format!("its recipe: {why}")))?;
+        let effect = |name: &String| {
+            Effect::from_name(name)
+                .ok_or_else(|| SnapshotError::Damaged(format!("its effect {name:?} is unknown")))
+        };
         Ok(Request {
             recipe,
+            effects: self.effects.iter().map(effect).collect::<Result<_, _>>()?,
             incident_deg: self.incident_deg.clone(),
             target: self.target,
             seed: self.seed,
@@ -100,6 +109,7 @@ impl Snapshot {
         let differences = [
             (self.writer == other.writer, "the version of bake-brdf"),
             (self.recipe == other.recipe, "the recipe"),
+            (self.effects == other.effects, "the list of effects"),
             (self.incident_deg == other.incident_deg, "the list of incidences"),
             (self.target == other.target, "the accuracy, path count or time"),
             (self.seed == other.seed, "the seed"),
@@ -205,6 +215,11 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
 /// # Errors
 /// As [`super::walk`]; a shard needs a path count.
 pub fn walk_shard(request: &Request, shard: Shard, observer: &Observer<'_>) -> Result<Snapshot, BakeError> {
+    if !request.effects.has_lobe() {
+        return Err(BakeError::Input(
+            "a bake without surface and blur walks no paths: it has no shards".to_owned(),
+        ));
+    }
     let Target::Paths(paths) = request.target else {
         return Err(BakeError::Input(
             "a shard needs --paths: the path counts of an accuracy or a time follow from whole tallies"
@@ -228,8 +243,10 @@ mod tests {
     use proptest::prelude::*;
 
     fn request(paths: u64) -> Request {
+        let recipe = crate::recipe::Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap();
         Request {
-            recipe: crate::recipe::Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap(),
+            effects: super::super::effects_of(&recipe),
+            recipe,
             incident_deg: vec![0.0, 40.0, 80.0],
             target: Target::Paths(paths),
             seed: 3,

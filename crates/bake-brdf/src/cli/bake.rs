@@ -4,6 +4,7 @@ use super::{Manners, manners};
 use bake_brdf::bake::sampling::{Shard, State};
 use bake_brdf::bake::snapshot::{self, Snapshot};
 use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, SolverChoice, Target};
+use bake_brdf::effects::{Asked, Decisions, Effect, EffectError, EffectSet, View};
 use bake_brdf::recipe::{self, AzimuthMode, Recipe};
 use lut_io::table::{Solver, Table};
 use serde_json::json;
@@ -27,9 +28,10 @@ pub(crate) struct BakeArgs {
     /// Table to write [default: pearl.exr; with --shard: pearl-I-of-N.shard].
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Who solves: the Monte Carlo walk, the deterministic doubling, or whichever is cheaper.
-    #[arg(long, value_enum, default_value = "walk")]
-    solver: SolverArg,
+    /// Who solves: the Monte Carlo walk, the deterministic doubling, or whichever is cheaper [default: walk; doubling where
+    /// the effects leave only the surface].
+    #[arg(long, value_enum)]
+    solver: Option<SolverArg>,
     /// Total variation to reach at the worst incidence, per cent of the reflected light [default: 1].
     #[arg(long, value_name = "PERCENT", group = "target")]
     accuracy: Option<f64>,
@@ -45,6 +47,11 @@ pub(crate) struct BakeArgs {
     /// Azimuth mode, in place of the recipe's.
     #[arg(long, value_enum)]
     azimuth: Option<AzimuthArg>,
+    /// Effects to bake, separated by commas, in place of those that the recipe's look calls for: surface, blur, azimuth
+    /// (azimuth:decay, azimuth:walk), polarisation, absorption, dispersion, coherent, coherent_sheets, illuminant,
+    /// irregularity, body, texture; or all that the recipe has matter for.
+    #[arg(long, value_name = "LIST")]
+    effects: Option<String>,
     /// Angles of incidence in degrees: numbers and FROM:TO:STEP, separated by commas [default: 0:90:1].
     #[arg(long, value_name = "LIST")]
     incident_deg: Option<String>,
@@ -72,7 +79,7 @@ pub(crate) struct BakeArgs {
     dry_run: bool,
     /// Bake a table again from its own metadata and compare every bit; exit 3 if one differs. Writes nothing.
     #[arg(long, value_name = "FILE", conflicts_with_all = [
-        "recipe", "output", "solver", "target", "seed", "azimuth", "incident_deg", "event_cap", "precision",
+        "recipe", "output", "solver", "target", "seed", "azimuth", "effects", "incident_deg", "event_cap", "precision",
         "checkpoint", "checkpoint_every", "resume", "shard", "dry_run",
     ])]
     reproduce: Option<PathBuf>,
@@ -143,9 +150,15 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
 /// The solver asked for, or the cheaper one with the reason on stderr.
 fn choose(args: &BakeArgs, request: &Request, manners: &Manners) -> Result<SolverChoice, Stop> {
     match args.solver {
-        SolverArg::Walk => Ok(SolverChoice::Walk),
-        SolverArg::Doubling => Ok(SolverChoice::Doubling),
-        SolverArg::Auto => {
+        // One reflection needs no walk; but paths and times are walked.
+        None if !request.effects.contains(Effect::Blur)
+            && matches!(request.target, Target::AccuracyPercent(_)) =>
+        {
+            Ok(SolverChoice::Doubling)
+        }
+        None | Some(SolverArg::Walk) => Ok(SolverChoice::Walk),
+        Some(SolverArg::Doubling) => Ok(SolverChoice::Doubling),
+        Some(SolverArg::Auto) => {
             let (choice, reason) = bake::choose_solver(request).map_err(stop)?;
             if !manners.quiet {
                 let name = if choice == SolverChoice::Doubling { "doubling" } else { "walk" };
@@ -247,8 +260,10 @@ fn request(args: &BakeArgs) -> Result<Request, Stop> {
             AzimuthArg::Walk => AzimuthMode::Walk,
         };
     }
+    let effects = effects(args, &mut recipe)?;
     Ok(Request {
         recipe,
+        effects,
         incident_deg: match &args.incident_deg {
             None => bake::default_incident_deg(),
             Some(list) => angles(list)?,
@@ -266,6 +281,23 @@ fn request(args: &BakeArgs) -> Result<Request, Stop> {
             PrecisionArg::F64 => Precision::F64,
         },
     })
+}
+
+/// The effects listed, or those of the recipe's look; a mode of the azimuth in the list goes into the recipe.
+fn effects(args: &BakeArgs, recipe: &mut Recipe) -> Result<EffectSet, Stop> {
+    let Some(list) = &args.effects else { return Ok(bake::effects_of(recipe)) };
+    let named = |why: EffectError| Stop::BadInput(format!("--{why}"));
+    let asked = Asked::parse(list).map_err(named)?;
+    if let Some(mode) = asked.azimuth {
+        if args.azimuth.is_some() && recipe.azimuth.mode != mode {
+            return Err(Stop::BadInput(format!(
+                "--effects: {list:?} and --azimuth name different azimuths; give one"
+            )));
+        }
+        recipe.azimuth.mode = mode;
+    }
+    let decisions = Decisions::asked(recipe, &View::of_look(&recipe.look), asked).map_err(named)?;
+    Ok(decisions.set())
 }
 
 fn budget(flag: &str, seconds: f64) -> Result<Duration, Stop> {
@@ -408,6 +440,7 @@ fn report(table: &Table, output: &Path, seconds: f64) -> serde_json::Value {
         "solver": table.meta.solver,
         "solver_settings": table.meta.solver_settings,
         "accuracy": table.meta.accuracy,
+        "effects": table.meta.effects,
         "paths": table.meta.per_incidence.iter().map(|incidence| incidence.paths).sum::<u64>(),
         "per_incidence": table.meta.per_incidence,
     })
