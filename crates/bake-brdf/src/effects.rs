@@ -442,7 +442,8 @@ fn blur_matter(recipe: &Recipe) -> Result<String, String> {
         // The bake itself says what is wrong with the recipe.
         return Ok(format!("{count} layers"));
     };
-    if transport.indices[1..].windows(2).all(|pair| pair[0] == pair[1]) {
+    // Layers that only absorb send nothing back either, but their ledger is walked.
+    if transport.indices[1..].windows(2).all(|pair| pair[0] == pair[1]) && !transport.absorbs() {
         return Err(format!(
             "no interface under the surface reflects: every index there is {}",
             transport.indices[1]

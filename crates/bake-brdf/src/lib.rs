@@ -2,7 +2,9 @@
 
 pub mod bake;
 pub mod effects;
+pub mod plan;
 pub mod recipe;
+pub mod scene;
 pub mod spectra;
 pub mod study;
 pub mod tally;

@@ -1,6 +1,6 @@
 //! From a solver's answer to a table: shares of light per cell become f·cos θo per steradian.
 
-use super::{Request, Target};
+use super::{Request, SolverChoice, Target, content_hash};
 use crate::bake::sampling::Sampling;
 use crate::effects::{Effect, EffectSet};
 use crate::recipe::Recipe;
@@ -243,6 +243,10 @@ fn meta(
     per_incidence: Vec<IncidenceSummary>,
     accuracy: Accuracy,
 ) -> Meta {
+    let by = match solver {
+        Solver::Walk => SolverChoice::Walk,
+        Solver::Doubling => SolverChoice::Doubling,
+    };
     Meta {
         schema: SCHEMA.to_owned(),
         writer: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -268,7 +272,9 @@ fn meta(
         },
         effects: held(request),
         per_incidence,
-        extra: serde_json::Map::new(),
+        extra: [("content_hash".to_owned(), serde_json::Value::String(content_hash(request, by)))]
+            .into_iter()
+            .collect(),
     }
 }
 

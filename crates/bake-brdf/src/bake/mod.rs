@@ -249,6 +249,28 @@ impl Request {
     }
 }
 
+/// Names what a bake of this request by this solver holds: equal for equal tables (`content_hash` of the metadata).
+///
+/// SHA-256 over the version, the recipe and all that the numbers depend on, in hexadecimal.
+#[must_use]
+pub fn content_hash(request: &Request, solver: SolverChoice) -> String {
+    use sha2::Digest as _;
+    // Without a lobe neither incidences nor accuracy nor seed matter.
+    let lobe = request.effects.has_lobe().then(|| {
+        let walk = (request.seed, request.event_cap, request.precision);
+        let walk = (solver != SolverChoice::Doubling).then_some(walk);
+        (solver, &request.incident_deg, request.target, walk)
+    });
+    let content = serde_json::json!({
+        "writer": concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")),
+        "recipe": request.recipe.to_json(),
+        "effects": request.effects,
+        "lobe": lobe,
+    });
+    let digest = sha2::Sha256::digest(content.to_string().as_bytes());
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// The effects that a recipe's own look calls for.
 #[must_use]
 pub fn effects_of(recipe: &Recipe) -> EffectSet {
@@ -278,9 +300,7 @@ pub fn doubling(request: &Request) -> Result<Table, BakeError> {
     }
     request.check()?;
     let Target::AccuracyPercent(percent) = request.target else {
-        return Err(BakeError::Input(
-            "doubling walks no paths: give it --accuracy, not --paths or --time-budget".to_owned(),
-        ));
+        return Err(BakeError::Input(NO_PATHS.to_owned()));
     };
     let transport = request.transport()?;
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
@@ -304,12 +324,9 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
     };
     let transport = request.transport()?;
     let geometry = request.geometry();
-    let threads = rayon::current_num_threads() as f64;
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
     let settings = doubling::Settings::for_accuracy(&transport, geometry, share);
-    let cost = settings.cost(&transport, geometry, request.incident_deg.len());
-    // Two resolutions, the coarser at about 0.8³ of the cost.
-    let by_doubling = 1.5 * cost.seconds / threads;
+    let by_doubling = doubling_seconds(request, &transport)?;
     if let Err(why) = settings.check(&transport, geometry, &request.theta_i()) {
         return Ok((SolverChoice::Walk, format!("doubling is out of reach here: {why}")));
     }
@@ -369,6 +386,8 @@ pub struct Forecast {
     pub paths: u64,
     /// Bytes of the table before compression.
     pub bytes: u64,
+    /// Cells over all incidences.
+    pub cells: u64,
 }
 
 /// Predicts the cost of a bake without doing it.
@@ -377,11 +396,44 @@ pub struct Forecast {
 /// As [`walk`].
 pub fn forecast(request: &Request, observer: &Observer<'_>) -> Result<Forecast, BakeError> {
     if !request.effects.has_lobe() {
-        return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0 });
+        return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0, cells: 0 });
     }
     let (mut sampling, _, axis) = request.sampling(Shard::WHOLE)?;
     let (seconds, paths) = sampling.forecast(request.target, observer)?;
     let cells = axis.cells() as u64 * request.incident_deg.len() as u64;
     // Three components of value, error and count, and four coordinates, four bytes each.
-    Ok(Forecast { seconds, paths, bytes: cells * 13 * 4 })
+    Ok(Forecast { seconds, paths, bytes: cells * 13 * 4, cells })
 }
+
+/// Predicts the cost of a bake by a solver: the walk's from a pilot, doubling's from its operation count.
+///
+/// # Errors
+/// As [`walk`] and [`doubling`].
+pub fn forecast_of(
+    request: &Request,
+    solver: SolverChoice,
+    observer: &Observer<'_>,
+) -> Result<Forecast, BakeError> {
+    if solver != SolverChoice::Doubling || !request.effects.has_lobe() {
+        return forecast(request, observer);
+    }
+    let transport = request.transport()?;
+    let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    let cells = axis.cells() as u64 * request.incident_deg.len() as u64;
+    let seconds = doubling_seconds(request, &transport)?;
+    Ok(Forecast { seconds, paths: 0, bytes: cells * 13 * 4, cells })
+}
+
+/// Wall-clock seconds that doubling takes to the accuracy of a request.
+fn doubling_seconds(request: &Request, transport: &Transport) -> Result<f64, BakeError> {
+    let Target::AccuracyPercent(percent) = request.target else {
+        return Err(BakeError::Input(NO_PATHS.to_owned()));
+    };
+    let share = (percent / 100.0).min(COARSEST_DOUBLING);
+    let settings = doubling::Settings::for_accuracy(transport, request.geometry(), share);
+    let cost = settings.cost(transport, request.geometry(), request.incident_deg.len());
+    // Two resolutions, the coarser at about 0.8³ of the cost.
+    Ok(1.5 * cost.seconds / rayon::current_num_threads() as f64)
+}
+
+const NO_PATHS: &str = "doubling walks no paths: give it --accuracy, not --paths or --time-budget";

@@ -1,11 +1,13 @@
 //! `bake-brdf bake`.
 
+use super::plan::{SceneArgs, refuse, solver_name};
+use super::terms::{self, TermsArgs, recipe};
 use super::{Manners, manners};
 use bake_brdf::bake::sampling::{Shard, State};
-use bake_brdf::bake::snapshot::{self, Snapshot};
-use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, SolverChoice, Target};
-use bake_brdf::effects::{Asked, Decisions, Effect, EffectError, EffectSet, View};
-use bake_brdf::recipe::{self, AzimuthMode, Recipe};
+use bake_brdf::bake::snapshot::{self, MOST_SHARDS, Snapshot};
+use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, SolverChoice};
+use bake_brdf::effects::View;
+use bake_brdf::plan::{self, Terms};
 use lut_io::table::{Solver, Table};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -13,66 +15,35 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use terminal::{Outcome, Stop};
-use transport::walk::lanes::Precision;
 
-/// Accuracy of a bake that asks for none, per cent: about half a minute for the paper's pearl on two cores.
-const DEFAULT_ACCURACY_PERCENT: f64 = 1.0;
-
-/// Most shards of a bake.
-const MOST_SHARDS: u32 = 100_000;
+/// Least time between two checkpoints unless asked otherwise.
+pub(super) const CHECKPOINT_EVERY_SECONDS: f64 = 1.0;
 
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct BakeArgs {
     /// Recipe (JSON) [default: the paper's pearl].
+    #[arg(conflicts_with = "scene")]
     recipe: Option<PathBuf>,
-    /// Table to write [default: pearl.exr; with --shard: pearl-I-of-N.shard].
+    /// Table to write [default: pearl.exr; with --shard: pearl-I-of-N.shard]. With --scene: the copy of the scene that points
+    /// at the tables [default: SCENE-baked.xml], or the folder for both; tables lie beside the copy.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Who solves: the Monte Carlo walk, the deterministic doubling, or whichever is cheaper [default: walk; doubling where
-    /// the effects leave only the surface].
-    #[arg(long, value_enum)]
-    solver: Option<SolverArg>,
-    /// Total variation to reach at the worst incidence, per cent of the reflected light [default: 1].
-    #[arg(long, value_name = "PERCENT", group = "target")]
-    accuracy: Option<f64>,
-    /// Paths per incidence.
-    #[arg(long, value_name = "N", group = "target")]
-    paths: Option<u64>,
-    /// Wall-clock time to spend.
-    #[arg(long, value_name = "SECONDS", group = "target")]
-    time_budget: Option<f64>,
-    /// Seed: the same seed gives the same file.
-    #[arg(long, value_name = "S", default_value_t = 1)]
-    seed: u64,
-    /// Azimuth mode, in place of the recipe's.
-    #[arg(long, value_enum)]
-    azimuth: Option<AzimuthArg>,
-    /// Effects to bake, separated by commas, in place of those that the recipe's look calls for: surface, blur, azimuth
-    /// (azimuth:decay, azimuth:walk), polarisation, absorption, dispersion, coherent, coherent_sheets, illuminant,
-    /// irregularity, body, texture; or all that the recipe has matter for.
-    #[arg(long, value_name = "LIST")]
-    effects: Option<String>,
-    /// Angles of incidence in degrees: numbers and FROM:TO:STEP, separated by commas [default: 0:90:1].
-    #[arg(long, value_name = "LIST")]
-    incident_deg: Option<String>,
-    /// Events after which a path is given up and booked as truncated.
-    #[arg(long, value_name = "N", default_value_t = bake::DEFAULT_EVENT_CAP)]
-    event_cap: u32,
-    /// Arithmetic of the walk's geometry; auto takes 32 bits where that is harmless.
-    #[arg(long, value_enum, default_value = "auto")]
-    precision: PrecisionArg,
+    #[command(flatten)]
+    scene: SceneArgs,
+    #[command(flatten)]
+    terms: TermsArgs,
     /// Keep a checkpoint beside the output (OUTPUT.checkpoint) from the start; without this flag, only when the bake is
     /// expected to take more than a minute. It is removed when the table is written.
-    #[arg(long, conflicts_with = "shard")]
+    #[arg(long, conflicts_with_all = ["shard", "scene"])]
     checkpoint: bool,
     /// Least time between two checkpoints: what a SIGKILL can cost.
-    #[arg(long, value_name = "SECONDS", default_value_t = 1.0, conflicts_with = "shard")]
+    #[arg(long, value_name = "SECONDS", default_value_t = CHECKPOINT_EVERY_SECONDS, conflicts_with = "shard")]
     checkpoint_every: f64,
     /// Go on from the checkpoint beside the output; start afresh where there is none.
-    #[arg(long, conflicts_with = "shard")]
+    #[arg(long, conflicts_with_all = ["shard", "scene"])]
     resume: bool,
     /// Walk one share of the paths and write its state; `lut merge` makes the table of all shares.
-    #[arg(long, value_name = "I/N", requires = "paths")]
+    #[arg(long, value_name = "I/N", requires = "paths", conflicts_with = "scene")]
     shard: Option<String>,
     /// Say what the bake would cost and write nothing.
     #[arg(long)]
@@ -80,29 +51,9 @@ pub(crate) struct BakeArgs {
     /// Bake a table again from its own metadata and compare every bit; exit 3 if one differs. Writes nothing.
     #[arg(long, value_name = "FILE", conflicts_with_all = [
         "recipe", "output", "solver", "target", "seed", "azimuth", "effects", "incident_deg", "event_cap", "precision",
-        "checkpoint", "checkpoint_every", "resume", "shard", "dry_run",
+        "checkpoint", "checkpoint_every", "resume", "shard", "dry_run", "scene",
     ])]
     reproduce: Option<PathBuf>,
-}
-
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum SolverArg {
-    Walk,
-    Doubling,
-    Auto,
-}
-
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum PrecisionArg {
-    Auto,
-    F32,
-    F64,
-}
-
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum AzimuthArg {
-    Decay,
-    Walk,
 }
 
 /// Runs the command.
@@ -110,10 +61,20 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     if let Some(table) = &args.reproduce {
         return super::reproduce::run(table, manners);
     }
-    let request = request(args)?;
+    if let Some(scene) = &args.scene.scene {
+        return super::scene::run(
+            &args.scene,
+            scene,
+            &args.terms,
+            args.output.as_deref(),
+            args.dry_run,
+            manners,
+        );
+    }
+    let terms = args.terms.terms(None)?;
+    let request = request(args, &terms)?;
     request.check().map_err(stop)?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(manners.threads.unwrap_or(0).into()).build();
-    let pool = pool.map_err(Stop::failure)?;
+    let pool = super::pool(manners)?;
     if args.dry_run {
         return pool.install(|| dry_run(&request, manners));
     }
@@ -130,16 +91,12 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
             .install(|| watched(manners, None, |observer| snapshot::walk_shard(&request, shard, observer)))?;
         return snapshot.write(&output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())));
     }
-    let every = budget("checkpoint-every", args.checkpoint_every)?;
-    let keeper = Keeper::new(&output, args.checkpoint, every, &request);
-    let table = if pool.install(|| choose(args, &request, manners))? == SolverChoice::Doubling {
-        pool.install(|| bake::doubling(&request)).map_err(stop)?
-    } else {
-        let resume = if args.resume { keeper.load(manners)? } else { None };
-        pool.install(|| watched(manners, Some(&keeper), |observer| bake::walk(&request, observer, resume)))?
-    };
-    lut_io::exr_file::write(&table, &output).map_err(|why| Stop::failure(why.to_string()))?;
-    keeper.remove();
+    let every = terms::budget("checkpoint-every", args.checkpoint_every)?;
+    let kept = Kept { from_the_start: args.checkpoint, every, resume: args.resume };
+    let table = pool.install(|| {
+        let solver = choose(&terms, &request, manners)?;
+        bake_to(&request, solver, &output, kept, manners)
+    })?;
     let seconds = started.elapsed().as_secs_f64();
     if manners.json {
         return terminal::print_json(&report(&table, &output, seconds));
@@ -147,26 +104,44 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     terminal::print(&summary(&table, &output, seconds))
 }
 
+/// Which checkpoints a bake keeps and reads.
+#[derive(Clone, Copy)]
+pub(super) struct Kept {
+    pub(super) from_the_start: bool,
+    pub(super) every: Duration,
+    pub(super) resume: bool,
+}
+
+/// Solves a request and writes the table; the checkpoint lies beside `output` until that is done.
+pub(super) fn bake_to(
+    request: &Request,
+    solver: SolverChoice,
+    output: &Path,
+    kept: Kept,
+    manners: &Manners,
+) -> Result<Table, Stop> {
+    let keeper = Keeper::new(output, kept.from_the_start, kept.every, request);
+    let table = if solver == SolverChoice::Doubling {
+        bake::doubling(request).map_err(stop)?
+    } else {
+        let resume = if kept.resume { keeper.load(manners)? } else { None };
+        watched(manners, Some(&keeper), |observer| bake::walk(request, observer, resume))?
+    };
+    lut_io::exr_file::write(&table, output).map_err(|why| Stop::failure(why.to_string()))?;
+    keeper.remove();
+    Ok(table)
+}
+
 /// The solver asked for, or the cheaper one with the reason on stderr.
-fn choose(args: &BakeArgs, request: &Request, manners: &Manners) -> Result<SolverChoice, Stop> {
-    match args.solver {
-        // One reflection needs no walk; but paths and times are walked.
-        None if !request.effects.contains(Effect::Blur)
-            && matches!(request.target, Target::AccuracyPercent(_)) =>
-        {
-            Ok(SolverChoice::Doubling)
+fn choose(terms: &Terms, request: &Request, manners: &Manners) -> Result<SolverChoice, Stop> {
+    if terms.solver == Some(SolverChoice::Auto) && request.effects.has_lobe() {
+        let (choice, reason) = bake::choose_solver(request).map_err(stop)?;
+        if !manners.quiet {
+            say(&format!("solver {}: {reason}", solver_name(choice)));
         }
-        None | Some(SolverArg::Walk) => Ok(SolverChoice::Walk),
-        Some(SolverArg::Doubling) => Ok(SolverChoice::Doubling),
-        Some(SolverArg::Auto) => {
-            let (choice, reason) = bake::choose_solver(request).map_err(stop)?;
-            if !manners.quiet {
-                let name = if choice == SolverChoice::Doubling { "doubling" } else { "walk" };
-                say(&format!("solver {name}: {reason}"));
-            }
-            Ok(choice)
-        }
+        return Ok(choice);
     }
+    plan::solver(request, terms.solver).map_err(stop)
 }
 
 fn parse_shard(text: &str) -> Result<Shard, Stop> {
@@ -248,63 +223,11 @@ impl<'a> Keeper<'a> {
     }
 }
 
-fn request(args: &BakeArgs) -> Result<Request, Stop> {
-    let mut recipe = match &args.recipe {
-        None => Recipe::default(),
-        Some(path) => Recipe::from_json(&manners::read_text(path, recipe::MAX_BYTES)?)
-            .map_err(|why| Stop::BadInput(format!("{}: {why}", path.display())))?,
-    };
-    if let Some(mode) = args.azimuth {
-        recipe.azimuth.mode = match mode {
-            AzimuthArg::Decay => AzimuthMode::Decay,
-            AzimuthArg::Walk => AzimuthMode::Walk,
-        };
-    }
-    let effects = effects(args, &mut recipe)?;
-    Ok(Request {
-        recipe,
-        effects,
-        incident_deg: match &args.incident_deg {
-            None => bake::default_incident_deg(),
-            Some(list) => angles(list)?,
-        },
-        target: match (args.accuracy, args.paths, args.time_budget) {
-            (_, Some(paths), _) => Target::Paths(paths),
-            (_, _, Some(seconds)) => Target::Time(budget("time-budget", seconds)?),
-            (accuracy, _, _) => Target::AccuracyPercent(accuracy.unwrap_or(DEFAULT_ACCURACY_PERCENT)),
-        },
-        seed: args.seed,
-        event_cap: args.event_cap,
-        precision: match args.precision {
-            PrecisionArg::Auto => Precision::Auto,
-            PrecisionArg::F32 => Precision::F32,
-            PrecisionArg::F64 => Precision::F64,
-        },
-    })
-}
-
-/// The effects listed, or those of the recipe's look; a mode of the azimuth in the list goes into the recipe.
-fn effects(args: &BakeArgs, recipe: &mut Recipe) -> Result<EffectSet, Stop> {
-    let Some(list) = &args.effects else { return Ok(bake::effects_of(recipe)) };
-    let named = |why: EffectError| Stop::BadInput(format!("--{why}"));
-    let asked = Asked::parse(list).map_err(named)?;
-    if let Some(mode) = asked.azimuth {
-        if args.azimuth.is_some() && recipe.azimuth.mode != mode {
-            return Err(Stop::BadInput(format!(
-                "--effects: {list:?} and --azimuth name different azimuths; give one"
-            )));
-        }
-        recipe.azimuth.mode = mode;
-    }
-    let decisions = Decisions::asked(recipe, &View::of_look(&recipe.look), asked).map_err(named)?;
-    Ok(decisions.set())
-}
-
-fn budget(flag: &str, seconds: f64) -> Result<Duration, Stop> {
-    if seconds > 0.0 && seconds <= 1e9 {
-        return Ok(Duration::from_secs_f64(seconds));
-    }
-    Err(Stop::BadInput(format!("--{flag}: {seconds} is not a time; expected seconds, more than 0")))
+fn request(args: &BakeArgs, terms: &Terms) -> Result<Request, Stop> {
+    let (recipe, _) = recipe(args.recipe.as_deref())?;
+    let view = View::of_look(&recipe.look);
+    let (recipe, decisions) = terms.decide(recipe, &view).map_err(|why| refuse(why.into()))?;
+    Ok(terms.request(recipe, decisions.set()))
 }
 
 /// Parses `0:90:10,45` into ascending distinct angles.
@@ -348,7 +271,7 @@ pub(super) fn stop(error: BakeError) -> Stop {
 }
 
 /// Finds out that the output cannot be written before the work rather than after it.
-fn writable(output: &Path) -> Outcome {
+pub(super) fn writable(output: &Path) -> Outcome {
     let folder = match output.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),

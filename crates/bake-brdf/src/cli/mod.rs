@@ -2,8 +2,11 @@
 
 mod bake;
 mod manners;
+mod plan;
 mod reproduce;
+mod scene;
 mod study;
+mod terms;
 
 use clap::{Args, CommandFactory as _, Parser, Subcommand};
 use terminal::Outcome;
@@ -19,6 +22,9 @@ use terminal::Outcome;
   bake-brdf --incident-deg 0:90:10,45        a few incidences
   bake-brdf --dry-run --accuracy 0.1         what would that cost?
   bake-brdf --reproduce pearl.exr            bake it again from its metadata: the same bits?
+  bake-brdf plan akoya.json                  which effects it calls for, why, and what they cost
+  bake-brdf plan --scene ring.xml            the same for every pearl of a Mitsuba scene
+  bake-brdf --scene ring.xml -o out          bakes those tables, and a copy of the scene that uses them
   bake-brdf study -o study                   what accuracy costs in time, with a figure
   bake-brdf schema                           the JSON Schema of a recipe")]
 pub(crate) struct Cli {
@@ -51,6 +57,8 @@ struct Manners {
 enum Command {
     /// Bake a table (the default command).
     Bake(bake::BakeArgs),
+    /// Say which effects a scene or a recipe calls for, why, and what each costs.
+    Plan(plan::PlanArgs),
     /// Measure what accuracy costs in time: study.json, study.csv and a figure.
     Study(study::StudyArgs),
     /// Print the JSON Schema of a recipe.
@@ -64,12 +72,19 @@ enum Command {
     Man,
 }
 
+/// The threads that were asked for.
+fn pool(manners: &Manners) -> Result<rayon::ThreadPool, terminal::Stop> {
+    let threads = manners.threads.unwrap_or(0).into();
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(terminal::Stop::failure)
+}
+
 /// Runs the tool.
 pub(crate) fn run(cli: Cli) -> Outcome {
     let manners = cli.manners;
     match cli.command {
         None => bake::run(&cli.bake, &manners),
         Some(Command::Bake(args)) => bake::run(&args, &manners),
+        Some(Command::Plan(args)) => plan::run(&args, &manners),
         Some(Command::Study(args)) => study::run(&args, &manners),
         Some(Command::Schema) => terminal::print_json(&bake_brdf::recipe::Recipe::json_schema()),
         Some(Command::Completions { shell }) => {

@@ -1,0 +1,187 @@
+//! `bake-brdf plan`.
+
+use super::bake::stop;
+use super::terms::{TermsArgs, recipe};
+use super::{Manners, manners};
+use bake_brdf::bake::SolverChoice;
+use bake_brdf::plan::{Plan, PlanError, PlannedPearl};
+use bake_brdf::scene::{Scene, Variant};
+use serde_json::{Map, Value, json};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use terminal::{Outcome, Stop};
+
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct PlanArgs {
+    /// Recipe (JSON) [default: the paper's pearl].
+    #[arg(conflicts_with = "scene")]
+    recipe: Option<PathBuf>,
+    #[command(flatten)]
+    scene: SceneArgs,
+    #[command(flatten)]
+    terms: TermsArgs,
+}
+
+/// The scene that says what is needed.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct SceneArgs {
+    /// Mitsuba scene (XML) whose pearls are meant.
+    #[arg(long, value_name = "SCENE")]
+    pub(crate) scene: Option<PathBuf>,
+    /// Variant that the scene is rendered with: mono, rgb, spectral, polarised, or a variant of Mitsuba [default: what the
+    /// scene hints at, else rgb].
+    #[arg(long, value_name = "VARIANT", requires = "scene")]
+    variant: Option<String>,
+}
+
+impl SceneArgs {
+    /// Reads a scene.
+    pub(crate) fn read(&self, path: &Path) -> Result<Scene, Stop> {
+        let variant = self.variant.as_deref().map(|name| Variant::parse(name, "--variant")).transpose();
+        let variant = variant.map_err(|why| Stop::BadInput(format!("--variant: {why}")))?;
+        Scene::read(path, variant).map_err(Stop::bad_input)
+    }
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &PlanArgs, manners: &Manners) -> Outcome {
+    let pool = super::pool(manners)?;
+    let plan = match &args.scene.scene {
+        Some(path) => {
+            let scene = args.scene.read(path)?;
+            let terms = args.terms.terms(Some(SolverChoice::Auto))?;
+            pool.install(|| Plan::of_scene(&scene, &terms)).map_err(refuse)?
+        }
+        None => {
+            let (recipe, from) = recipe(args.recipe.as_deref())?;
+            let terms = args.terms.terms(None)?;
+            pool.install(|| Plan::of_recipe(recipe, &from, &terms)).map_err(refuse)?
+        }
+    };
+    if manners.json {
+        return terminal::print_json(&report(&plan));
+    }
+    terminal::print(&table(&plan))
+}
+
+/// A plan's error as a tool's.
+pub(crate) fn refuse(error: PlanError) -> Stop {
+    match error {
+        PlanError::Bake(place, error) => match stop(error) {
+            Stop::BadInput(line) => Stop::BadInput(format!("{place}{line}")),
+            other => other,
+        },
+        other => Stop::bad_input(other),
+    }
+}
+
+/// The plan as JSON.
+pub(crate) fn report(plan: &Plan) -> Value {
+    let pearl = |pearl: &PlannedPearl| {
+        let effect = |decision: &bake_brdf::effects::Decision| {
+            let cost = pearl.costs[decision.effect as usize];
+            let used = pearl.table.is_some();
+            let value = json!({
+                "on": decision.on && used,
+                "why": if used { decision.why.as_str() } else { UNUSED },
+                "seconds": cost.seconds,
+                "bytes": cost.bytes,
+            });
+            (decision.effect.name().to_owned(), value)
+        };
+        json!({
+            "id": pearl.id,
+            "used": pearl.table.is_some(),
+            "place": pearl.place,
+            "shapes": pearl.shapes,
+            "recipe": pearl.recipe.to_json(),
+            "recipe_from": pearl.recipe_from,
+            "azimuth": pearl.recipe.azimuth.mode,
+            "table": pearl.table,
+            "effects": pearl.decisions.all().iter().map(effect).collect::<Map<String, Value>>(),
+        })
+    };
+    let tables: Vec<Value> = plan
+        .tables
+        .iter()
+        .map(|table| {
+            json!({
+                "recipe": table.request.recipe.name,
+                "effects": table.request.effects.names(),
+                "solver": solver_name(table.solver),
+                "seconds": table.cost.seconds,
+                "bytes": table.cost.bytes,
+            })
+        })
+        .collect();
+    let cost = plan.cost();
+    json!({
+        "schema": "bake-plan/1",
+        "pearls": plan.pearls.iter().map(pearl).collect::<Vec<_>>(),
+        "tables": tables,
+        "seconds": cost.seconds,
+        "bytes": cost.bytes,
+    })
+}
+
+const UNUSED: &str = "no shape shows this pearl";
+
+pub(crate) const fn solver_name(solver: SolverChoice) -> &'static str {
+    match solver {
+        SolverChoice::Walk => "walk",
+        SolverChoice::Doubling => "doubling",
+        SolverChoice::Auto => "auto",
+    }
+}
+
+/// The plan for people: a table a pearl.
+fn table(plan: &Plan) -> String {
+    let mut text = String::new();
+    for pearl in &plan.pearls {
+        let _ = writeln!(
+            text,
+            "{} ({}): {} from {}",
+            pearl.id, pearl.place, pearl.recipe.name, pearl.recipe_from
+        );
+        if pearl.table.is_none() {
+            let _ = writeln!(text, "  unused: {UNUSED}; nothing is baked for it\n");
+            continue;
+        }
+        if !pearl.shapes.is_empty() {
+            let _ = writeln!(text, "  shown by {}", pearl.shapes.join(", "));
+        }
+        text.push_str("  effect           on   seconds      bytes  why\n");
+        for decision in pearl.decisions.all() {
+            let cost = pearl.costs[decision.effect as usize];
+            let (seconds, bytes) = if decision.on {
+                (format!("{:.3}", cost.seconds), cost.bytes.to_string())
+            } else {
+                (String::new(), String::new())
+            };
+            let on = if decision.on { "on" } else { "–" };
+            let _ = writeln!(
+                text,
+                "  {:<15}  {on:<3} {seconds:>8} {bytes:>10}  {}",
+                decision.effect.name(),
+                decision.why
+            );
+        }
+        text.push('\n');
+    }
+    if plan.tables.is_empty() {
+        text.push_str("no pearl is shown: nothing to bake\n");
+        return text;
+    }
+    for table in &plan.tables {
+        let _ = writeln!(
+            text,
+            "table of {}: {} by {}, about {}, {:.0} kB",
+            table.request.recipe.name,
+            table.request.effects.names().join(", "),
+            solver_name(table.solver),
+            manners::seconds_text(table.cost.seconds),
+            table.cost.bytes as f64 / 1e3,
+        );
+    }
+    text
+}

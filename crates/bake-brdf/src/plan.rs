@@ -1,0 +1,306 @@
+//! The plan of a bake: which effects each pearl calls for, which tables hold them, and what that costs.
+//!
+//! Pearls of one recipe share a table that holds what any of them shows.
+
+use crate::bake::{self, BakeError, Observer, Request, SolverChoice, Target};
+use crate::effects::{Asked, Decisions, Effect, EffectError, EffectSet, View};
+use crate::recipe::{AzimuthMode, Recipe};
+use crate::scene::Scene;
+use serde::Serialize;
+use transport::walk::lanes::Precision;
+
+/// How a bake is to be done, whatever the recipe.
+#[derive(Clone, Debug)]
+pub struct Terms {
+    /// Angles of incidence, degrees.
+    pub incident_deg: Vec<f64>,
+    /// When to stop.
+    pub target: Target,
+    /// Seed of the walk.
+    pub seed: u64,
+    /// Most events of a path.
+    pub event_cap: u32,
+    /// Arithmetic of the walk.
+    pub precision: Precision,
+    /// Who solves; `None` is the default of [`solver`].
+    pub solver: Option<SolverChoice>,
+    /// Azimuth mode in place of the recipe's.
+    pub azimuth: Option<AzimuthMode>,
+    /// Effects in place of those called for.
+    pub asked: Option<Asked>,
+}
+
+/// What something costs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Cost {
+    /// Wall-clock seconds with the threads in use.
+    pub seconds: f64,
+    /// Bytes in the file.
+    pub bytes: u64,
+}
+
+impl std::ops::Add for Cost {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Self { seconds: self.seconds + other.seconds, bytes: self.bytes + other.bytes }
+    }
+}
+
+/// One pearl's part of a plan.
+#[derive(Clone, Debug)]
+pub struct PlannedPearl {
+    /// Its name: the scene's `id`, or the recipe's name.
+    pub id: String,
+    /// Where it stands in the scene; the recipe's file for a plan without a scene.
+    pub place: String,
+    /// Shapes that show it.
+    pub shapes: Vec<String>,
+    /// What it is made of.
+    pub recipe: Recipe,
+    /// Where that was found.
+    pub recipe_from: String,
+    /// Its effects and why.
+    pub decisions: Decisions,
+    /// What each effect costs, in the model's order; 0 for one that is off, or that another pearl's table holds anyway.
+    pub costs: [Cost; 12],
+    /// The table that holds it, an index of [`Plan::tables`]; `None` for a pearl that no shape shows.
+    pub table: Option<usize>,
+}
+
+/// One table to bake.
+#[derive(Clone, Debug)]
+pub struct PlannedTable {
+    /// What is baked.
+    pub request: Request,
+    /// Who solves.
+    pub solver: SolverChoice,
+    /// What it costs in all.
+    pub cost: Cost,
+}
+
+/// A plan.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Pearls, in the order of the scene.
+    pub pearls: Vec<PlannedPearl>,
+    /// Tables, in the order of the pearls that first need them.
+    pub tables: Vec<PlannedTable>,
+}
+
+/// Why there is no plan.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlanError {
+    /// The effects asked for.
+    #[error("--{0}")]
+    Effects(#[from] EffectError),
+    /// The bake itself; the first text says of which pearl.
+    #[error("{0}{1}")]
+    Bake(String, BakeError),
+}
+
+impl Plan {
+    /// The plan of one recipe, looked at as its own look says.
+    ///
+    /// # Errors
+    /// What the bake would refuse.
+    pub fn of_recipe(recipe: Recipe, from: &str, terms: &Terms) -> Result<Self, PlanError> {
+        let view = View::of_look(&recipe.look);
+        let id = recipe.name.clone();
+        let pearl = planned(id, from.to_owned(), Vec::new(), recipe, from.to_owned(), &view, terms)?;
+        Self::tabled(vec![(pearl, true)], terms)
+    }
+
+    /// The plan of a scene.
+    ///
+    /// # Errors
+    /// What a bake would refuse.
+    pub fn of_scene(scene: &Scene, terms: &Terms) -> Result<Self, PlanError> {
+        let pearl = |pearl: &crate::scene::Pearl| {
+            let recipe = &pearl.recipe;
+            let (id, place, shapes) = (pearl.id.clone(), pearl.place.clone(), pearl.shapes.clone());
+            let planned =
+                planned(id, place, shapes, recipe.value.clone(), recipe.from.clone(), &pearl.view, terms)?;
+            Ok((planned, pearl.is_used()))
+        };
+        let pearls: Result<Vec<_>, PlanError> = scene.pearls.iter().map(pearl).collect();
+        Self::tabled(pearls?, terms)
+    }
+
+    /// Puts pearls of one recipe into one table, and finds the costs.
+    fn tabled(pearls: Vec<(PlannedPearl, bool)>, terms: &Terms) -> Result<Self, PlanError> {
+        let mut plan = Self { pearls: Vec::new(), tables: Vec::new() };
+        for (mut pearl, used) in pearls {
+            if used {
+                let set = pearl.decisions.set();
+                let same = |table: &PlannedTable| table.request.recipe == pearl.recipe;
+                let index = plan.tables.iter().position(same).unwrap_or(plan.tables.len());
+                match plan.tables.get_mut(index) {
+                    Some(table) => table.request.effects = table.request.effects.union(set),
+                    None => plan.tables.push(PlannedTable {
+                        request: terms.request(pearl.recipe.clone(), set),
+                        solver: SolverChoice::Walk,
+                        cost: Cost::default(),
+                    }),
+                }
+                pearl.table = Some(index);
+            }
+            plan.pearls.push(pearl);
+        }
+        for (index, table) in plan.tables.iter_mut().enumerate() {
+            let mut users = plan.pearls.iter_mut().filter(|pearl| pearl.table == Some(index));
+            let Some(first) = users.next() else { continue };
+            let named = |error: BakeError| {
+                let scene = first.place != first.recipe_from;
+                let place =
+                    if scene { format!("{}: pearl {:?}: ", first.place, first.id) } else { String::new() };
+                PlanError::Bake(place, error)
+            };
+            table.request.check().map_err(named)?;
+            table.solver = solver(&table.request, terms.solver).map_err(named)?;
+            let costs = costs(&table.request, table.solver).map_err(named)?;
+            table.cost = costs.iter().copied().fold(Cost::default(), |sum, cost| sum + cost);
+            // Each effect is paid for once, by the first pearl that shows it.
+            let mut left = costs;
+            for pearl in std::iter::once(first).chain(users) {
+                for effect in pearl.decisions.set().iter() {
+                    pearl.costs[effect as usize] = std::mem::take(&mut left[effect as usize]);
+                }
+            }
+        }
+        Ok(plan)
+    }
+
+    /// What all tables cost.
+    #[must_use]
+    pub fn cost(&self) -> Cost {
+        self.tables.iter().fold(Cost::default(), |sum, table| sum + table.cost)
+    }
+}
+
+fn planned(
+    id: String,
+    place: String,
+    shapes: Vec<String>,
+    recipe: Recipe,
+    recipe_from: String,
+    view: &View,
+    terms: &Terms,
+) -> Result<PlannedPearl, PlanError> {
+    let (recipe, decisions) = terms.decide(recipe, view)?;
+    Ok(PlannedPearl {
+        id,
+        place,
+        shapes,
+        recipe,
+        recipe_from,
+        decisions,
+        costs: [Cost::default(); 12],
+        table: None,
+    })
+}
+
+impl Terms {
+    /// The recipe with the azimuth asked for, and the effects: those listed, or those that the view calls for.
+    ///
+    /// # Errors
+    /// An effect that this version does not simulate.
+    pub fn decide(&self, mut recipe: Recipe, view: &View) -> Result<(Recipe, Decisions), EffectError> {
+        let mode = self.asked.and_then(|asked| asked.azimuth).or(self.azimuth);
+        recipe.azimuth.mode = mode.unwrap_or(recipe.azimuth.mode);
+        let decisions = match self.asked {
+            Some(asked) => Decisions::asked(&recipe, view, asked)?,
+            None => Decisions::of(&recipe, view),
+        };
+        Ok((recipe, decisions))
+    }
+
+    /// The request that bakes a recipe on these terms.
+    #[must_use]
+    pub fn request(&self, recipe: Recipe, effects: EffectSet) -> Request {
+        Request {
+            recipe,
+            effects,
+            incident_deg: self.incident_deg.clone(),
+            target: self.target,
+            seed: self.seed,
+            event_cap: self.event_cap,
+            precision: self.precision,
+        }
+    }
+}
+
+/// Who solves a request: the one chosen; `Auto` decided; without a choice the walk, or doubling where nothing is walked
+/// (one reflection needs no walk, but path counts and times are walked).
+///
+/// # Errors
+/// A bad request.
+pub fn solver(request: &Request, choice: Option<SolverChoice>) -> Result<SolverChoice, BakeError> {
+    match choice {
+        Some(SolverChoice::Auto) if request.effects.has_lobe() => Ok(bake::choose_solver(request)?.0),
+        Some(SolverChoice::Walk) => Ok(SolverChoice::Walk),
+        Some(SolverChoice::Doubling) => Ok(SolverChoice::Doubling),
+        _ if !request.effects.contains(Effect::Blur)
+            && matches!(request.target, Target::AccuracyPercent(_)) =>
+        {
+            Ok(SolverChoice::Doubling)
+        }
+        _ => Ok(SolverChoice::Walk),
+    }
+}
+
+/// What each effect of a request costs: the bake with it less the bake without it, the lobe's rest under `blur` (under
+/// `surface` where there is no blur).
+fn costs(request: &Request, solver: SolverChoice) -> Result<[Cost; 12], BakeError> {
+    let mut costs = [Cost::default(); 12];
+    let set = request.effects;
+    let file = Cost { seconds: OVERHEAD_SECONDS, bytes: HEADER_BYTES };
+    let body = if set.has_lobe() { Effect::Surface } else { Effect::Body };
+    costs[body as usize] = file;
+    if set.has_lobe() {
+        let whole = lobe_cost(request, solver)?;
+        let mut left = whole;
+        let mut take = |effect: Effect, without: Request| {
+            let without = lobe_cost(&without, solver)?;
+            let part = Cost {
+                seconds: (whole.seconds - without.seconds).clamp(0.0, left.seconds),
+                bytes: whole.bytes.saturating_sub(without.bytes).min(left.bytes),
+            };
+            left = Cost { seconds: left.seconds - part.seconds, bytes: left.bytes - part.bytes };
+            costs[effect as usize] = costs[effect as usize] + part;
+            Ok::<(), BakeError>(())
+        };
+        if set.contains(Effect::Absorption) {
+            take(
+                Effect::Absorption,
+                Request { effects: set.without(Effect::Absorption), ..request.clone() },
+            )?;
+        }
+        if set.contains(Effect::Azimuth) && request.recipe.azimuth.mode == AzimuthMode::Walk {
+            let mut plane = request.clone();
+            plane.recipe.azimuth.mode = AzimuthMode::Decay;
+            take(Effect::Azimuth, plane)?;
+        }
+        let rest = if set.contains(Effect::Blur) { Effect::Blur } else { Effect::Surface };
+        costs[rest as usize] = costs[rest as usize] + left;
+    }
+    Ok(costs)
+}
+
+/// Reading, assembling and writing a table, beside the solver: seconds (measured) and bytes of the file's header and
+/// metadata.
+const OVERHEAD_SECONDS: f64 = 0.01;
+const HEADER_BYTES: u64 = 5_000;
+/// Bytes of metadata an incidence, and compressed bytes a cell, by solver: measured on the paper's pearl.
+const INCIDENCE_BYTES: u64 = 700;
+const WALK_CELL_BYTES: f64 = 22.0;
+const DOUBLING_CELL_BYTES: f64 = 25.0;
+
+/// What the lobe costs: the walk from a pilot, doubling from its operation count.
+fn lobe_cost(request: &Request, solver: SolverChoice) -> Result<Cost, BakeError> {
+    let forecast = bake::forecast_of(request, solver, &Observer::idle())?;
+    let cells = forecast.cells as f64;
+    let each = if solver == SolverChoice::Doubling { DOUBLING_CELL_BYTES } else { WALK_CELL_BYTES };
+    let bytes = INCIDENCE_BYTES * request.incident_deg.len() as u64 + (cells * each) as u64;
+    Ok(Cost { seconds: forecast.seconds, bytes })
+}

@@ -1,0 +1,324 @@
+//! A scene's files as one tree of elements: includes put in place, `$name` replaced.
+
+use super::SceneError;
+use std::collections::HashMap;
+use std::io::Read as _;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// Longest scene file, bytes; the same for all of a scene together.
+const MAX_BYTES: usize = 64 << 20;
+/// Most includes of a scene, and how deep they may nest (Mitsuba's own bound is 15).
+const MAX_INCLUDES: usize = 256;
+const MAX_INCLUDE_DEPTH: usize = 15;
+/// Deepest nesting of elements.
+const MAX_DEPTH: usize = 100;
+/// Most elements and attributes of all files together.
+const MAX_NODES: u32 = 1_000_000;
+/// Longest value after `$name` is replaced, bytes.
+const MAX_VALUE: usize = 1 << 20;
+
+/// The files of a scene, the scene itself first; a file included twice is there twice.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Files {
+    list: Vec<File>,
+    /// Folders to look for files in.
+    folders: Vec<PathBuf>,
+    /// Values of `$name`.
+    pub(super) defaults: HashMap<String, String>,
+    pub(super) inclusions: Vec<Inclusion>,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct File {
+    /// As a message names it.
+    name: String,
+    pub(super) text: String,
+    /// Byte offsets at which lines start.
+    lines: Vec<usize>,
+}
+
+/// An `<include>` and what it stands for.
+#[derive(Clone, Debug)]
+pub(super) struct Inclusion {
+    /// File and bytes of the element.
+    pub(super) at: (usize, Range<usize>),
+    /// File and bytes of what is included.
+    pub(super) of: (usize, Range<usize>),
+}
+
+/// Names an element: its file and first byte.
+pub(super) type Key = (usize, usize);
+
+/// One element; the elements of includes are children like others.
+#[derive(Clone, Debug)]
+pub(super) struct Element {
+    pub(super) tag: String,
+    pub(super) attributes: Vec<Attribute>,
+    pub(super) children: Vec<Element>,
+    pub(super) file: usize,
+    /// Its bytes in the file, tags included.
+    pub(super) range: Range<usize>,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Attribute {
+    pub(super) name: String,
+    /// `$name` replaced.
+    pub(super) value: String,
+    /// The bytes of the value in the file, without quotes.
+    pub(super) range: Range<usize>,
+}
+
+impl Element {
+    pub(super) const fn key(&self) -> Key {
+        (self.file, self.range.start)
+    }
+
+    pub(super) fn attribute(&self, name: &str) -> Option<&str> {
+        self.attributes.iter().find(|a| a.name == name).map(|a| a.value.as_str())
+    }
+
+    pub(super) fn is_pearl(&self) -> bool {
+        self.tag == "bsdf" && self.attribute("type") == Some("pearl")
+    }
+
+    /// The element and all below it, in the order of the scene.
+    pub(super) fn descendants(&self) -> impl Iterator<Item = &Self> {
+        let mut left = vec![self];
+        std::iter::from_fn(move || {
+            let next = left.pop()?;
+            left.extend(next.children.iter().rev());
+            Some(next)
+        })
+    }
+}
+
+impl Files {
+    pub(super) fn text(&self, file: usize) -> &str {
+        &self.list[file].text
+    }
+
+    /// `file:line` of an element.
+    pub(super) fn place(&self, element: &Element) -> String {
+        self.place_of(element.key())
+    }
+
+    fn place_of(&self, (file, byte): Key) -> String {
+        let File { name, lines, .. } = &self.list[file];
+        format!("{name}:{}", lines.partition_point(|start| *start <= byte))
+    }
+
+    /// An error at an element.
+    pub(super) fn refuse(&self, element: &Element, problem: impl std::fmt::Display) -> SceneError {
+        SceneError(format!("{}: {problem}", self.place(element)))
+    }
+
+    /// A file that a scene names: relative names start from the scene's folder, then its `<path>`s.
+    pub(super) fn find(&self, name: &str) -> Option<PathBuf> {
+        self.folders.iter().map(|folder| folder.join(name)).find(|path| path.is_file())
+    }
+}
+
+/// The folder of a file; `.` for a bare name.
+pub(super) fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// Loads a scene.
+pub(super) fn load(path: &Path) -> Result<(Files, Element), SceneError> {
+    let mut loader = Loader { files: Files::default(), open: Vec::new(), bytes: 0, nodes: MAX_NODES };
+    loader.files.folders.push(folder(path).to_owned());
+    let file = loader.open(path, path.display().to_string()).map_err(SceneError)?;
+    let (root, _) = loader.parse(file)?;
+    if root.tag != "scene" {
+        let problem = format!("the root is <{}>; a Mitsuba scene starts with <scene>", root.tag);
+        return Err(loader.files.refuse(&root, problem));
+    }
+    Ok((loader.files, root))
+}
+
+struct Loader {
+    files: Files,
+    /// Canonical paths of the files that are being read, outermost first.
+    open: Vec<(PathBuf, usize)>,
+    bytes: usize,
+    nodes: u32,
+}
+
+impl Loader {
+    /// Reads a file; the problem as text.
+    fn open(&mut self, path: &Path, name: String) -> Result<usize, String> {
+        let left = (MAX_BYTES - self.bytes) as u64;
+        let named = |why: String| format!("{}: {why}", path.display());
+        let file = std::fs::File::open(path).map_err(|error| named(error.to_string()))?;
+        let mut text = String::new();
+        file.take(left + 1).read_to_string(&mut text).map_err(|error| named(error.to_string()))?;
+        if text.len() as u64 > left {
+            return Err(named(format!("the files of the scene are longer than {MAX_BYTES} bytes together")));
+        }
+        self.bytes += text.len();
+        let canonical = path.canonicalize().map_err(|error| named(error.to_string()))?;
+        let lines = std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect();
+        let index = self.files.list.len();
+        self.open.push((canonical, index));
+        self.files.list.push(File { name, text, lines });
+        Ok(index)
+    }
+
+    /// The tree of a file, and the bytes inside its root element.
+    fn parse(&mut self, file: usize) -> Result<(Element, Range<usize>), SceneError> {
+        let text = self.files.list[file].text.clone();
+        let options =
+            roxmltree::ParsingOptions { allow_dtd: false, nodes_limit: self.nodes, ..Default::default() };
+        let document = roxmltree::Document::parse_with_options(&text, options).map_err(|error| {
+            let name = &self.files.list[file].name;
+            SceneError(format!("{name}:{}: {}", error.pos().row, xml_problem(&error)))
+        })?;
+        self.nodes = self.nodes.saturating_sub(document.root().descendants().count() as u32).max(1);
+        let root = document.root_element();
+        let inner = match (root.first_child(), root.last_child()) {
+            (Some(first), Some(last)) => first.range().start..last.range().end,
+            _ => root.range().end..root.range().end,
+        };
+        let element = self.element(root, file, 0)?;
+        self.open.pop();
+        Ok((element, inner))
+    }
+
+    fn element(
+        &mut self,
+        node: roxmltree::Node<'_, '_>,
+        file: usize,
+        depth: usize,
+    ) -> Result<Element, SceneError> {
+        let mut element = Element {
+            tag: node.tag_name().name().to_owned(),
+            attributes: Vec::new(),
+            children: Vec::new(),
+            file,
+            range: node.range(),
+        };
+        if depth > MAX_DEPTH {
+            return Err(self.files.refuse(&element, format!("elements nest deeper than {MAX_DEPTH}")));
+        }
+        for attribute in node.attributes() {
+            let value =
+                self.substitute(attribute.value()).map_err(|problem| self.files.refuse(&element, problem))?;
+            let range = attribute.range_value();
+            element.attributes.push(Attribute { name: attribute.name().to_owned(), value, range });
+        }
+        for child in node.children().filter(roxmltree::Node::is_element) {
+            let child = self.element(child, file, depth + 1)?;
+            match child.tag.as_str() {
+                "default" => self.default(&child)?,
+                "path" => {
+                    let value = self.required(&child, "value")?;
+                    let path = self.files.folders[0].join(value);
+                    self.files.folders.push(path);
+                }
+                "include" => {
+                    let included = self.include(&child)?;
+                    element.children.extend(included);
+                    continue;
+                }
+                _ => {}
+            }
+            element.children.push(child);
+        }
+        Ok(element)
+    }
+
+    fn required<'e>(&self, element: &'e Element, name: &str) -> Result<&'e str, SceneError> {
+        element.attribute(name).ok_or_else(|| {
+            self.files.refuse(element, format!("<{}> needs the attribute {name}", element.tag))
+        })
+    }
+
+    /// The first value of a name holds.
+    fn default(&mut self, element: &Element) -> Result<(), SceneError> {
+        let (name, value) = (self.required(element, "name")?, self.required(element, "value")?);
+        self.files.defaults.entry(name.to_owned()).or_insert_with(|| value.to_owned());
+        Ok(())
+    }
+
+    /// Replaces `$name` by its value, the longest name that fits.
+    fn substitute(&self, value: &str) -> Result<String, String> {
+        let mut out = String::new();
+        let mut rest = value;
+        while let Some(at) = rest.find('$') {
+            out.push_str(&rest[..at]);
+            rest = &rest[at + 1..];
+            let fits = self.files.defaults.iter().filter(|(name, _)| rest.starts_with(name.as_str()));
+            let Some((name, value)) = fits.max_by_key(|(name, _)| name.len()) else {
+                let end = rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len());
+                let name = &rest[..end];
+                return Err(format!(
+                    "${name} has no value; give it one with <default name=\"{name}\" value=…/>"
+                ));
+            };
+            out.push_str(value);
+            rest = &rest[name.len()..];
+            if out.len() > MAX_VALUE {
+                return Err(format!(
+                    "a value grows longer than {MAX_VALUE} bytes when its $names are replaced"
+                ));
+            }
+        }
+        out.push_str(rest);
+        Ok(out)
+    }
+
+    /// The elements that an include stands for.
+    fn include(&mut self, element: &Element) -> Result<Vec<Element>, SceneError> {
+        let refuse = |files: &Files, problem: String| Err(files.refuse(element, problem));
+        let name = self.required(element, "filename")?.to_owned();
+        let Some(path) = self.files.find(&name) else {
+            return refuse(&self.files, format!("include: {name:?} is no file"));
+        };
+        if let Ok(canonical) = path.canonicalize()
+            && let Some(start) = self.open.iter().position(|(open, _)| *open == canonical)
+        {
+            let ring: Vec<&str> =
+                self.open[start..].iter().map(|(_, file)| self.files.list[*file].name.as_str()).collect();
+            let ring = format!("{} → {name}", ring.join(" → "));
+            return refuse(&self.files, format!("includes go round in a circle: {ring}"));
+        }
+        if self.files.inclusions.len() >= MAX_INCLUDES || self.open.len() > MAX_INCLUDE_DEPTH {
+            let problem = format!(
+                "include {name:?}: a scene has at most {MAX_INCLUDES} includes, {MAX_INCLUDE_DEPTH} deep"
+            );
+            return refuse(&self.files, problem);
+        }
+        let file = match self.open(&path, name) {
+            Ok(file) => file,
+            Err(problem) => return refuse(&self.files, format!("include: {problem}")),
+        };
+        let (root, inner) = self.parse(file)?;
+        let at = (element.file, element.range.clone());
+        if root.tag == "scene" {
+            self.files.inclusions.push(Inclusion { at, of: (file, inner) });
+            return Ok(root.children);
+        }
+        self.files.inclusions.push(Inclusion { at, of: (file, root.range.clone()) });
+        Ok(vec![root])
+    }
+}
+
+/// What the parser found, without the position, which the message names already.
+fn xml_problem(error: &roxmltree::Error) -> String {
+    match error {
+        roxmltree::Error::DtdDetected => {
+            "a document type is refused (entities could grow without bound)".to_owned()
+        }
+        roxmltree::Error::NodesLimitReached => format!("the scene has more than {MAX_NODES} elements"),
+        other => {
+            let text = other.to_string();
+            let text = text.rsplit_once(" at ").map_or(text.as_str(), |(text, _)| text).to_owned();
+            format!("not XML: {text}")
+        }
+    }
+}
