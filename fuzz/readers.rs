@@ -12,10 +12,10 @@ use lut_io::table::Component;
 use std::path::Path;
 
 /// A reader: `Err` is the line a user would see.
-pub type Reader = fn(&[u8]) -> Result<(), String>;
+pub(crate) type Reader = fn(&[u8]) -> Result<(), String>;
 
 /// Every reader by the name of its target.
-pub const READERS: [(&str, Reader); 5] =
+pub(crate) const READERS: [(&str, Reader); 5] =
     [("table", table), ("recipe", recipe), ("state", state), ("state_body", state_body), ("scene", scene)];
 
 /// Layers beyond which a valid recipe is not turned into a stack here: that is memory by request, not by accident.
@@ -31,7 +31,7 @@ fn refused(why: impl std::fmt::Display) -> Result<(), String> {
 }
 
 /// `pearl-lut/1` tables: what is read is written to the same table again, and every direction has a finite answer.
-pub fn table(bytes: &[u8]) -> Result<(), String> {
+pub(crate) fn table(bytes: &[u8]) -> Result<(), String> {
     let table = match exr_file::decode(bytes) {
         Ok(table) => table,
         Err(flaw) => return refused(flaw),
@@ -43,7 +43,10 @@ pub fn table(bytes: &[u8]) -> Result<(), String> {
         for (theta_i, theta_o, phi) in [(0.0, 0.0, 0.0), (0.6, 0.5, 0.1), (1.5, 1.57, 3.1)] {
             for component in Component::ALL {
                 let value = lobe.eval(component, theta_i, theta_o, phi);
-                assert!(value.is_finite() && value >= 0.0, "{component:?} {theta_i} {theta_o} {phi}: {value}");
+                assert!(
+                    value.is_finite() && value >= 0.0,
+                    "{component:?} {theta_i} {theta_o} {phi}: {value}"
+                );
             }
         }
     }
@@ -51,7 +54,7 @@ pub fn table(bytes: &[u8]) -> Result<(), String> {
 }
 
 /// Recipes: what is read survives being written, and makes a stack or says why not.
-pub fn recipe(bytes: &[u8]) -> Result<(), String> {
+pub(crate) fn recipe(bytes: &[u8]) -> Result<(), String> {
     let Ok(text) = std::str::from_utf8(bytes) else { return refused("not UTF-8") };
     let recipe = match Recipe::from_json(text) {
         Ok(recipe) => recipe,
@@ -68,7 +71,7 @@ pub fn recipe(bytes: &[u8]) -> Result<(), String> {
 }
 
 /// Checkpoints and shards as they lie on disk.
-pub fn state(bytes: &[u8]) -> Result<(), String> {
+pub(crate) fn state(bytes: &[u8]) -> Result<(), String> {
     match Snapshot::decode(bytes) {
         Ok(snapshot) => sound(snapshot),
         Err(why) => refused(why),
@@ -76,12 +79,12 @@ pub fn state(bytes: &[u8]) -> Result<(), String> {
 }
 
 /// The same behind a right checksum, which no mutation of a whole file would ever hit.
-pub fn state_body(body: &[u8]) -> Result<(), String> {
+pub(crate) fn state_body(body: &[u8]) -> Result<(), String> {
     state(&with_checksum(body))
 }
 
 /// A state file around a body.
-pub fn with_checksum(body: &[u8]) -> Vec<u8> {
+pub(crate) fn with_checksum(body: &[u8]) -> Vec<u8> {
     let mut bytes = b"nacre-state/1\n".to_vec();
     bytes.extend(crc32fast::hash(body).to_le_bytes());
     bytes.extend_from_slice(body);
@@ -105,7 +108,7 @@ fn sound(snapshot: Snapshot) -> Result<(), String> {
 }
 
 /// Mitsuba scenes: what is read can be copied.
-pub fn scene(bytes: &[u8]) -> Result<(), String> {
+pub(crate) fn scene(bytes: &[u8]) -> Result<(), String> {
     // Includes and recipes are looked for beside the scene: in a folder of its own there are none.
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("scene.xml");

@@ -206,7 +206,8 @@ impl Tally {
         let cells_add_up = self.cells() > 0
             && parts.into_iter().all(|(component, fate)| {
                 let cells = &self.cells[component * self.cells()..(component + 1) * self.cells()];
-                let sum = |part: fn(&Share) -> u64| cells.iter().map(|share| u128::from(part(share))).sum::<u128>();
+                let sum =
+                    |part: fn(&Share) -> u64| cells.iter().map(|share| u128::from(part(share))).sum::<u128>();
                 let fate = self.fate(fate);
                 sum(|share| share.count) == u128::from(fate.count)
                     && sum(|share| share.weight) == u128::from(fate.weight)

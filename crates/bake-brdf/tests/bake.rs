@@ -144,6 +144,39 @@ fn the_reader_returns_the_walks_albedo_and_normal_incidence_has_no_azimuth() {
     }
 }
 
+/// Largest total variation (per cent) between a table and bakes with incidences half-way between its own.
+fn error_half_way(table: &Table, args: &[&str]) -> f64 {
+    let nodes = table.theta_i();
+    let middles: Vec<String> =
+        nodes.windows(2).map(|two| (0.5 * (two[0] + two[1])).to_degrees().to_string()).collect();
+    let list = middles.join(",");
+    let truth = bake_recipe("{}", &[args, &["--incident-deg", &list]].concat());
+    let (truth, table) = (Interpolant::new(truth), Interpolant::new(table.clone()));
+    lut_io::diff::diff(&truth, &table).worst_total_variation_percent
+}
+
+#[test]
+fn the_stored_interpolation_error_is_what_reading_half_way_misses() {
+    for (mode, incidences) in
+        [("decay", "0:80:20"), ("decay", "0:90:5"), ("walk", "0:80:20"), ("walk", "20,30,60")]
+    {
+        let exact = ["--azimuth", mode, "--solver", "doubling", "--accuracy", "0.1"];
+        let stored = |table: &Table| table.meta.accuracy.interpolation_percent;
+        let solved = bake_recipe("{}", &[&exact[..], &["--incident-deg", incidences]].concat());
+        let truth = error_half_way(&solved, &exact);
+        assert!(
+            (stored(&solved) / truth - 1.0).abs() < 0.1,
+            "{mode} {incidences}: {} {truth}",
+            stored(&solved)
+        );
+        if mode == "decay" {
+            // A walk knows it as well, whatever its own noise.
+            let walked = bake_recipe("{}", &["--paths", "2000", "--incident-deg", incidences]);
+            assert!((stored(&walked) / truth - 1.0).abs() < 0.1, "{incidences}: {} {truth}", stored(&walked));
+        }
+    }
+}
+
 #[test]
 fn bad_input_is_one_line_and_exit_2_and_harms_nothing() {
     let folder = folder();

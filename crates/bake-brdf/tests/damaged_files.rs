@@ -143,7 +143,10 @@ fn mutations(count: u64) -> Vec<(&'static str, u64, u64)> {
 #[test]
 fn thousands_of_mutations_panic_nowhere() {
     for (target, refused, _) in mutations(MUTATIONS) {
-        assert!(refused > MUTATIONS / 3, "{target}: mutations that hurt nothing: {refused} of {MUTATIONS} refused");
+        assert!(
+            refused > MUTATIONS / 3,
+            "{target}: mutations that hurt nothing: {refused} of {MUTATIONS} refused"
+        );
     }
 }
 
@@ -228,7 +231,10 @@ fn seeds(target: &str) -> Vec<Named> {
                 "dispersive",
                 r#"{"stack":{"explicit":[{"n":{"cauchy":[1.5,0.004]},"thickness_nm":300},{"n":1.4,"k":0.01,"thickness_nm":20}]}}"#,
             ),
-            text("pairs", r#"{"schema":"pearl-recipe/1","stack":{"layers":9,"count":"pairs"},"facets":{"normals":"visible"}}"#),
+            text(
+                "pairs",
+                r#"{"schema":"pearl-recipe/1","stack":{"layers":9,"count":"pairs"},"facets":{"normals":"visible"}}"#,
+            ),
         ],
         "state" => vec![("whole", readers::with_checksum(&body(&small_state(3000))))],
         "state_body" => vec![("whole", body(&small_state(3000))), ("empty", body(&small_state(1)))],
@@ -269,7 +275,8 @@ fn made_up(target: &str) -> Vec<Named> {
                 ("huge-channels", claim("channels\0chlist\0", i32::MAX.to_le_bytes())),
                 ("huge-window", {
                     let mut file = claim("dataWindow\0box2i\0", 16_i32.to_le_bytes());
-                    let at = file.windows(17).position(|w| w == b"dataWindow\0box2i\0").expect("it is there") + 21;
+                    let at =
+                        file.windows(17).position(|w| w == b"dataWindow\0box2i\0").expect("it is there") + 21;
                     file[at + 8..at + 16].fill(0x7f);
                     file
                 }),
@@ -326,7 +333,10 @@ fn made_up(target: &str) -> Vec<Named> {
             ("nothing", Vec::new()),
             ("not-utf8", vec![b'<', 0xff, 0xfe, 0x00]),
             ("deep", b"<a>".repeat(50_000)),
-            text("doctype", "<!DOCTYPE a [<!ENTITY b \"bbbb\"><!ENTITY c \"&b;&b;&b;\">]><scene version=\"3.0.0\">&c;</scene>"),
+            text(
+                "doctype",
+                "<!DOCTYPE a [<!ENTITY b \"bbbb\"><!ENTITY c \"&b;&b;&b;\">]><scene version=\"3.0.0\">&c;</scene>",
+            ),
             text("includes-itself", "<scene version=\"3.0.0\"><include filename=\"scene.xml\"/></scene>"),
             text("unclosed", "<scene version=\"3.0.0\"><shape type=\"sphere\">"),
             text(

@@ -1,10 +1,11 @@
 //! From a solver's answer to a table: shares of light per cell become f·cos θo per steradian.
 
+use super::halfway::{self, Halfway, Row};
 use super::{Request, SolverChoice, Target, content_hash};
 use crate::bake::sampling::Sampling;
 use crate::effects::{Effect, EffectSet};
 use crate::recipe::Recipe;
-use crate::tally::{CellShares, Tally};
+use crate::tally::CellShares;
 use lut_io::axis::{ExitAxis, Stretched};
 use lut_io::measure;
 use lut_io::table::{
@@ -19,6 +20,8 @@ struct Incidence {
     summary: IncidenceSummary,
     /// In the order of [`Component::ALL`].
     components: [CellShares; 3],
+    /// Statistical part of the total variation.
+    noise: f64,
 }
 
 /// The table of a finished walk.
@@ -32,26 +35,39 @@ pub(super) fn walk_table(
         sampling.tallies().iter().zip(&request.incident_deg).map(|(tally, &theta_i_deg)| Incidence {
             summary: tally.summary(theta_i_deg),
             components: Component::ALL.map(|component| tally.component(component)),
+            noise: tally.total_variation_error(),
         });
     let crossings: u64 = sampling.tallies().iter().map(|tally| tally.crossings).sum();
-    let settings = serde_json::json!({
-        "estimator": "analog",
-        "precision": sampling.precision(),
-        "event_cap": request.event_cap,
-        "crossings": crossings,
-    });
-    let noise: Vec<f64> = sampling.tallies().iter().map(Tally::total_variation_error).collect();
-    table(request, transport, axis, (Solver::Walk, settings), incidences.collect(), &noise)
+    let settings = settings([
+        ("estimator", "analog".into()),
+        ("precision", sampling.precision().into()),
+        ("event_cap", request.event_cap.into()),
+        ("crossings", crossings.into()),
+    ]);
+    let halfway = |rows: &[Row]| {
+        halfway::beside_walk(
+            &request.recipe,
+            transport,
+            request.geometry(),
+            axis,
+            &request.theta_i(),
+            crossings,
+        )
+        .unwrap_or_else(|| halfway::estimated(axis, rows))
+    };
+    table(request, transport, axis, (Solver::Walk, settings), incidences.collect(), halfway)
 }
 
-/// The table of a doubling solution.
+/// The table of a doubling solution: of the request's incidences, then of the middles of some `intervals` between them.
 pub(super) fn doubling_table(
     request: &Request,
     transport: &Transport,
     axis: &ExitAxis,
     solution: &Solution,
+    intervals: &[usize],
 ) -> Table {
-    let incidences: Vec<Incidence> = (0..solution.lobes.len())
+    let stored = request.incident_deg.len();
+    let incidences: Vec<Incidence> = (0..stored)
         .map(|i| {
             let summary = doubling_summary(solution, i, request.incident_deg[i]);
             // The estimate is a total variation: spread over the cells in proportion to their light.
@@ -63,17 +79,27 @@ pub(super) fn doubling_table(
                 count: vec![0; share.len()],
                 share,
             });
-            Incidence { summary, components }
+            Incidence { summary, components, noise: 0.0 }
         })
         .collect();
-    let settings = serde_json::json!({
-        "nodes": solution.settings.nodes,
-        "modes": solution.settings.modes,
-        "reach": solution.settings.reach,
-        "density": solution.settings.density,
-    });
-    let noise = vec![0.0; incidences.len()];
-    table(request, transport, axis, (Solver::Doubling, settings), incidences, &noise)
+    let settings = settings([
+        ("nodes", solution.settings.nodes.into()),
+        ("modes", solution.settings.modes.into()),
+        ("reach", solution.settings.reach.into()),
+        ("density", solution.settings.density.into()),
+    ]);
+    let halfway = |rows: &[Row]| {
+        let middles: Vec<Row> =
+            (stored..solution.lobes.len()).map(|i| Row::solved(&request.recipe, axis, solution, i)).collect();
+        halfway::measured(axis, rows, intervals, &middles)
+    };
+    table(request, transport, axis, (Solver::Doubling, settings), incidences, halfway)
+}
+
+fn settings<const N: usize>(
+    entries: [(&str, serde_json::Value); N],
+) -> serde_json::Map<String, serde_json::Value> {
+    entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
 /// The table of a pearl that shows no lobe.
@@ -85,10 +111,10 @@ pub(super) fn lobeless_table(request: &Request, transport: &Transport, axis: &Ex
             std_error: vec![0.0; axis.cells()],
             count: vec![0; axis.cells()],
         }),
+        noise: 0.0,
     });
-    let noise = vec![0.0; request.incident_deg.len()];
-    let solver = (Solver::Doubling, serde_json::json!({ "lobe": "none" }));
-    table(request, transport, axis, solver, incidences.collect(), &noise)
+    let solver = (Solver::Doubling, settings([("lobe", "none".into())]));
+    table(request, transport, axis, solver, incidences.collect(), |rows| halfway::estimated(axis, rows))
 }
 
 fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> IncidenceSummary {
@@ -199,21 +225,21 @@ const GAUSS_3: [(f64, f64); 3] =
     [(0.112_701_665_379_258_31, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 const GAUSS_2: [(f64, f64); 2] = [(0.211_324_865_405_187_1, 0.5), (0.788_675_134_594_812_9, 0.5)];
 
-/// `noise` is the statistical part of each row's total variation.
+/// The table and its error half-way between incidences, which `halfway` knows or finds from the table's rows.
 fn table(
     request: &Request,
     transport: &Transport,
     axis: &ExitAxis,
-    solver: (Solver, serde_json::Value),
+    solver: (Solver, serde_json::Map<String, serde_json::Value>),
     mut incidences: Vec<Incidence>,
-    noise: &[f64],
+    halfway: impl FnOnce(&[Row]) -> Halfway,
 ) -> Table {
     let mut lobes = [const { Lobe { value: Vec::new(), std_error: Vec::new(), count: Vec::new() } }; 3];
     let mut rows = Vec::new();
-    for (incidence, &noise) in incidences.iter_mut().zip(noise) {
+    for incidence in &mut incidences {
         let summary = &mut incidence.summary;
         if matches!(axis, ExitAxis::Plane { .. }) {
-            summary.azimuth_width_deg = azimuth_width_deg(&request.recipe, summary);
+            summary.azimuth_width_deg = azimuth_width_deg(&request.recipe, summary.sd_theta_o_deg);
         }
         let theta_i = summary.theta_i_deg.to_radians();
         let extents = measure::cell_extents(axis, theta_i);
@@ -224,13 +250,17 @@ fn table(
             }
             push_row(lobe, shares, &extents, &weights);
         }
-        let [interior, _, rehit] = &incidence.components;
-        let read = interior.share.iter().zip(&rehit.share).map(|(a, b)| a + b).collect();
-        rows.push(Row { theta_i, share: read, albedo: summary.albedo, extents, noise });
+        let [interior, surface, _] = &incidence.components;
+        let width = summary.azimuth_width_deg.to_radians();
+        rows.push(Row::new(axis, theta_i, width, [&interior.share, &surface.share], incidence.noise));
     }
     let summaries: Vec<IncidenceSummary> =
         incidences.into_iter().map(|incidence| incidence.summary).collect();
-    let accuracy = accuracy(request.target, &rows, &summaries);
+    let halfway = halfway(&rows);
+    let accuracy = accuracy(request.target, halfway, &summaries);
+    let (solver, mut settings) = solver;
+    settings.insert("interpolation".to_owned(), serde_json::json!(halfway.by));
+    let solver = (solver, settings.into());
     let [interior, surface, rehit] = lobes;
     Table { meta: meta(request, transport, axis, solver, summaries, accuracy), interior, surface, rehit }
 }
@@ -285,10 +315,10 @@ fn held(request: &Request) -> Vec<String> {
 }
 
 /// w of the decay postulate: the recipe's, or the standard deviation of the plane lobe at this θi.
-fn azimuth_width_deg(recipe: &Recipe, summary: &IncidenceSummary) -> f64 {
+pub(super) fn azimuth_width_deg(recipe: &Recipe, sd_theta_o_deg: f64) -> f64 {
     // A lobe without spread (σ = 0, or no light at all) still needs a width to divide by.
     const NARROWEST_DEG: f64 = 1e-4;
-    recipe.azimuth.width_deg.unwrap_or(summary.sd_theta_o_deg).max(NARROWEST_DEG)
+    recipe.azimuth.width_deg.unwrap_or(sd_theta_o_deg).max(NARROWEST_DEG)
 }
 
 /// Stored values, errors and counts of one component at one incidence.
@@ -324,7 +354,7 @@ fn symmetrise(axis: &ExitAxis, extents: &[f64], shares: &mut CellShares) {
     }
 }
 
-fn accuracy(target: Target, rows: &[Row], summaries: &[IncidenceSummary]) -> Accuracy {
+fn accuracy(target: Target, halfway: Halfway, summaries: &[IncidenceSummary]) -> Accuracy {
     let worst = summaries.iter().max_by(|a, b| a.accuracy_percent.total_cmp(&b.accuracy_percent));
     Accuracy {
         asked_percent: match target {
@@ -333,49 +363,8 @@ fn accuracy(target: Target, rows: &[Row], summaries: &[IncidenceSummary]) -> Acc
         },
         reached_percent: worst.map_or(0.0, |summary| summary.accuracy_percent),
         worst_theta_i_deg: worst.map_or(0.0, |summary| summary.theta_i_deg),
-        interpolation_percent: 100.0 * interpolation_error(rows),
+        interpolation_percent: 100.0 * halfway.share,
     }
-}
-
-/// The light at one incidence that is read from the table between incidences: interior and rehit. (A BSDF has the
-/// single reflection in closed form.)
-struct Row {
-    theta_i: f64,
-    share: Vec<f64>,
-    albedo: f64,
-    extents: Vec<f64>,
-    /// Statistical part of the row's total variation.
-    noise: f64,
-}
-
-impl Row {
-    /// Density of each cell: share per extent.
-    fn density(&self) -> Vec<f64> {
-        self.share.iter().zip(&self.extents).map(|(share, extent)| share / extent).collect()
-    }
-}
-
-/// Error of reading half-way between two incidences, as total variation, worst interval.
-///
-/// Each inner row is predicted from its two neighbours. What that misses by, less the noise of the three rows, is
-/// the error of linear interpolation over the double interval; over a single one it is a quarter.
-fn interpolation_error(rows: &[Row]) -> f64 {
-    let missed = rows.windows(3).map(|three| {
-        let [before, here, after] = three else { return 0.0 };
-        let t = (here.theta_i - before.theta_i) / (after.theta_i - before.theta_i);
-        let predicted: Vec<f64> =
-            before.density().iter().zip(after.density()).map(|(a, b)| (1.0 - t) * a + t * b).collect();
-        // The reader restores the share.
-        let read: f64 = predicted.iter().zip(&here.extents).map(|(p, e)| p * e).sum();
-        let scale = here.share.iter().sum::<f64>() / read.max(f64::MIN_POSITIVE);
-        let difference: f64 = (predicted.iter().zip(here.density()).zip(&here.extents))
-            .map(|((p, h), e)| (scale * p - h).abs() * e)
-            .sum::<f64>()
-            / here.albedo.max(f64::MIN_POSITIVE);
-        let noise2 = ((1.0 - t) * before.noise).powi(2) + (t * after.noise).powi(2) + here.noise.powi(2);
-        ((0.5 * difference).powi(2) - noise2).max(0.0).sqrt()
-    });
-    0.25 * missed.fold(0.0, f64::max)
 }
 
 #[cfg(test)]

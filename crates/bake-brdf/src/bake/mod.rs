@@ -1,6 +1,7 @@
 //! From a recipe to a table: chooses cells and incidences, runs a solver, assembles the result.
 
 pub(crate) mod assemble;
+mod halfway;
 pub mod reproduce;
 pub mod sampling;
 pub mod snapshot;
@@ -257,7 +258,9 @@ pub fn content_hash(request: &Request, solver: SolverChoice) -> String {
     use sha2::Digest as _;
     // Without a lobe neither incidences nor accuracy nor seed matter.
     let lobe = request.effects.has_lobe().then(|| {
-        let walk = (request.seed, request.event_cap, request.precision);
+        // 32 bits asked for or chosen are the same bits.
+        let precision = request.transport().map(|transport| request.precision.resolve(&transport)).ok();
+        let walk = (request.seed, request.event_cap, precision);
         let walk = (solver != SolverChoice::Doubling).then_some(walk);
         (solver, &request.incident_deg, request.target, walk)
     });
@@ -305,9 +308,12 @@ pub fn doubling(request: &Request) -> Result<Table, BakeError> {
     let transport = request.transport()?;
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
-    let solution = doubling::solve_to(&transport, request.geometry(), &request.theta_i(), share, false)
+    let mut theta_i = request.theta_i();
+    let intervals = halfway::intervals(&theta_i);
+    theta_i.extend(halfway::middles(&theta_i, &intervals));
+    let solution = doubling::solve_to(&transport, request.geometry(), &theta_i, share, false)
         .map_err(|why| BakeError::Input(format!("solver doubling: {why}")))?;
-    Ok(assemble::doubling_table(request, &transport, &axis, &solution))
+    Ok(assemble::doubling_table(request, &transport, &axis, &solution, &intervals))
 }
 
 /// Which solver is cheaper for a request, and why in one sentence.

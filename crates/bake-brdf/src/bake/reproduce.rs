@@ -1,14 +1,14 @@
 //! A table baked again from its own metadata, and what is not the same bit for bit.
 //!
 //! The metadata hold the whole recipe, the seed, the solver and its settings, the incidences and the paths walked at
-//! each, so that nothing else is needed. A bake to an accuracy goes through its decisions again; one to a path count
-//! or a time walks the paths that the table says it holds.
+//! each, so that nothing else is needed. A bake to an accuracy goes through its decisions again; one to a time walks
+//! the paths that the table says it holds.
 
 use super::{BakeError, Observer, Request, Target, assemble};
 use crate::bake::sampling::{self, Shard};
 use crate::effects::Effect;
 use crate::recipe::Recipe;
-use lut_io::table::{Component, Lobe, Meta, Solver, Table};
+use lut_io::table::{Component, IncidenceSummary, Lobe, Meta, Solver, Table};
 use serde::Serialize;
 use serde_json::Value;
 use std::time::Duration;
@@ -45,13 +45,10 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
         _ if walked => return Err(missing("event_cap", "expected a number of events")),
         _ => super::DEFAULT_EVENT_CAP,
     };
-    if let Some(at) =
-        meta.per_incidence.iter().find(|at| walked && !(1..=sampling::MAX_PATHS).contains(&at.paths))
-    {
-        let (theta, paths, most) = (at.theta_i_deg, at.paths, sampling::MAX_PATHS);
-        return Err(BakeError::Input(format!(
-            "per_incidence at {theta}°: paths is {paths}; expected 1 to {most} in a walked table"
-        )));
+    for at in meta.per_incidence.iter().filter(|_| walked) {
+        if !(1..=sampling::MAX_PATHS).contains(&at.paths) {
+            return Err(paths_refused(at, &format!("1 to {} in a walked table", sampling::MAX_PATHS)));
+        }
     }
     let effect = |name: &String| {
         let unknown = || BakeError::Input(format!("effects: {name:?} is not an effect of this version"));
@@ -61,14 +58,41 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
         recipe,
         effects: meta.effects.iter().map(effect).collect::<Result<_, _>>()?,
         incident_deg: meta.per_incidence.iter().map(|at| at.theta_i_deg).collect(),
-        // Without an accuracy the walk goes to the stored path counts, whatever they came from.
-        target: meta.accuracy.asked_percent.map_or(Target::Time(Duration::MAX), Target::AccuracyPercent),
+        target: target(meta)?,
         seed: meta.seed,
         event_cap,
         precision,
     };
     request.check()?;
     Ok(request)
+}
+
+fn paths_refused(at: &IncidenceSummary, right: &str) -> BakeError {
+    let (theta, paths) = (at.theta_i_deg, at.paths);
+    BakeError::Input(format!("per_incidence at {theta}°: paths is {paths}; expected {right}"))
+}
+
+/// What the bake was asked for: an accuracy, a time, or else equally many paths everywhere.
+fn target(meta: &Meta) -> Result<Target, BakeError> {
+    if let Some(percent) = meta.accuracy.asked_percent {
+        return Ok(Target::AccuracyPercent(percent));
+    }
+    if let Some(budget) = meta.solver_settings.get("time_budget_seconds") {
+        let seconds = budget.as_f64().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+        return seconds.map(Target::Time).ok_or_else(|| {
+            BakeError::Input(format!(
+                "solver_settings.time_budget_seconds: {budget} is not a time in seconds"
+            ))
+        });
+    }
+    // A table without a lobe walked no paths; any number does.
+    let paths = meta.per_incidence[0].paths.max(1);
+    match meta.per_incidence.iter().find(|at| at.paths.max(1) != paths) {
+        Some(at) => {
+            Err(paths_refused(at, &format!("{paths} as at the first incidence, without accuracy or time")))
+        }
+        None => Ok(Target::Paths(paths)),
+    }
 }
 
 /// Bakes a table again from its metadata.
@@ -80,9 +104,10 @@ pub fn bake_again(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeErr
     if meta.solver == Solver::Doubling {
         return super::doubling(&request);
     }
-    if meta.accuracy.asked_percent.is_some() {
+    if !matches!(request.target, Target::Time(_)) {
         return super::walk(&request, observer, None);
     }
+    // A time gives other path counts every time: those of the table are walked.
     let paths: Vec<u64> = meta.per_incidence.iter().map(|at| at.paths).collect();
     let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
     sampling.walk_to_each(&paths, observer)?;

@@ -406,6 +406,9 @@ fn summary(table: &Table, output: &Path, seconds: f64) -> String {
         accuracy.interpolation_percent,
         output.display(),
     );
+    if accuracy.asked_percent.is_some_and(|asked| accuracy.interpolation_percent > asked) {
+        text.push_str("between incidences the error is larger than asked for: give a finer --incident-deg\n");
+    }
     text
 }
 
