@@ -221,6 +221,7 @@ impl Terms {
         Request {
             recipe,
             effects,
+            listed: self.asked.is_some_and(|asked| asked.set.is_some()),
             incident_deg: self.incident_deg.clone(),
             target: self.target,
             seed: self.seed,

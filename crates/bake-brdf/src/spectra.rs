@@ -1,46 +1,57 @@
 //! Interference colours of a recipe for rendering: M(λ, θ), Ê(λ, θ) and their RGB (MODEL §8, §9).
 //!
-//! Values are means over bands of 10 nm from 380 to 780 nm of as many wavelengths as the work allows, so that fringes
+//! Values are means over bands of 5 nm from 380 to 780 nm of as many wavelengths as the work allows, so that fringes
 //! (0.84 nm wide for 500 layers) do not alias; RGB is summed over the single wavelengths. A stack with irregular
 //! thicknesses is the mean over an ensemble drawn from a fixed seed.
 //!
 //! - M = R_coherent/R_incoherent; R_incoherent is what the walk tends to for σ → 0: reflectances of the interfaces, added
-//!   as intensities at the walk's wavelength. M ≤ 1/R_incoherent by construction.
+//!   as intensities at the walk's wavelength. So lobe·M never reflects more than it receives, and for σ → 0 it is
+//!   R_coherent.
 //! - Ê ∝ (1/cos θ) ∫|E(z)|² dz over the layers for a unit wave entering at θ (reciprocity; uniform sources), with unit
 //!   mean over the bands.
+//!
+//! Each of the two is computed only where it is [`Wanted`].
 
-mod cie;
-
-use crate::recipe::{Count, Recipe, RecipeError};
-use lut_io::spectra::Spectra;
+use crate::effects::{Effect, EffectSet};
+use crate::recipe::{Recipe, RecipeError};
+use lut_io::error::Flaw;
+use lut_io::spectra::{Coherent, Illuminant, Spectra};
+use lut_io::table::Meta;
 use rayon::prelude::*;
-use thinfilm::{
-    Gain, Incidence, Layer, Material, MaterialError, Multilayer, Polarisation, Run, Stack, StackError,
-    StackLayer, StackRun, WaveError,
-};
+use thinfilm::illuminant::SourceProfile;
+use thinfilm::{Dispersion, Material, Stack, StackError, StackRun, colour, ensemble, modulation};
 use transport::Transport;
 
-/// Range and number of bands.
-const FIRST_NM: f64 = 380.0;
-const BAND_NM: f64 = 10.0;
-const BANDS: usize = 40;
-/// Angles, degrees.
+/// Bands over the visible range of [`colour::VISIBLE`]: 5 nm each.
+const BANDS: usize = 80;
+/// Steps between angles, degrees: the stop bands of a regular stack move by up to 3 nm a degree.
+const FINE_STEP_DEG: usize = 1;
+/// Ê, and M of irregular stacks, are smoother.
 const STEP_DEG: usize = 3;
-/// Stands in for 90°, where the incident power vanishes.
+/// Stands in for 90°, where no power arrives and radiance has no meaning.
 const GRAZING_DEG: f64 = 89.9;
-/// Most wavelengths a band: fringes of 500 layers are 0.84 nm wide.
-const FINEST: usize = 20;
-/// Layers × wavelengths × angles × polarisations × members that one table may cost, for reflectance and for fields
-/// (about 60 and 150 ns each).
-const REFLECTANCE_WORK: f64 = 1e8;
-const FIELD_WORK: f64 = 2e7;
-/// Members of an ensemble of irregular stacks, for reflectance and for fields.
-const MEMBERS: usize = 16;
-const FIELD_MEMBERS: usize = 4;
-/// Deepest part of a stack that waves are followed in one layer at a time.
-const DEEPEST: usize = 20_000;
+/// Most wavelengths a band: 0.25 nm resolve fringes of 0.84 nm; finer ones (thicker stacks) are sampled at these points.
+const FINEST: f64 = 20.0;
+/// Layers × wavelengths × angles × polarisations × members that one quantity may cost: about 3 s of one core at 1 ns, 60 ns
+/// (irregular stacks, in which many waves need the robust form), 4 ns and 150 ns (fields in absorbing or irregular ones).
+const REFLECTANCE_WORK: f64 = 3e9;
+const IRREGULAR_WORK: f64 = 5e7;
+const FIELD_WORK: f64 = 7e8;
+const SLOW_FIELD_WORK: f64 = 2e7;
+/// Members of an ensemble of irregular stacks: at least, and as many as bring the hue to ΔE00 ≈ 0.5.
+const FEWEST_MEMBERS: f64 = 2.0;
+const MEMBERS: f64 = 64.0;
+/// Wavelengths a band that come before more members.
+const FIRST_PER_BAND: f64 = 2.0;
+/// What a wave costs beside its layers, in layers.
+const OVERHEAD: usize = 300;
+/// Deepest part of a stack, in layers, that waves are followed in one layer at a time.
+const DEEPEST: usize = 16_384;
 /// Names the ensemble.
 const SEED: u64 = 0x70_6561_726c;
+
+/// Key of the reasons for missing colours in the table's metadata.
+pub const MISSING_KEY: &str = "spectra_missing";
 
 /// Why a recipe has no colours.
 #[derive(Debug, thiserror::Error)]
@@ -52,183 +63,311 @@ pub enum SpectraError {
     /// The stack, or a wave in it.
     #[error("interference colours: {0}")]
     Stack(#[from] StackError),
-    /// A wave in the stack.
-    #[error("interference colours: {0}")]
-    Wave(#[from] WaveError),
+    /// An effect that was asked for by name.
+    #[error("effects: {effect} cannot be had: {source}")]
+    Required {
+        /// The effect.
+        effect: Effect,
+        /// Why it cannot be had.
+        source: Box<SpectraError>,
+    },
 }
 
-/// The colours of a recipe; takes seconds for an irregular stack, less for a regular one.
+/// How much an interference colour is wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Want {
+    /// Not at all: it costs nothing.
+    #[default]
+    No,
+    /// By the recipe's look; a stack whose waves cannot be followed bakes without it, and the table says why.
+    IfPossible,
+    /// By name: a stack whose waves cannot be followed is an error.
+    Required,
+}
+
+/// Which interference colours a bake is to compute, and of what stack.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Wanted {
+    /// M(λ, θ), effect `coherent`.
+    pub coherent: Want,
+    /// Ê(λ, θ), effect `illuminant`.
+    pub illuminant: Want,
+    /// Whether thicknesses vary (effect `irregularity`); without, every layer has its mean thickness.
+    pub irregularity: bool,
+    /// Whether layers absorb (effect `absorption`).
+    pub absorption: bool,
+}
+
+impl Wanted {
+    /// What a set of effects calls for; effects that were listed by name are [`Want::Required`].
+    #[must_use]
+    pub const fn by_effects(effects: EffectSet, listed: bool) -> Self {
+        const fn want(is_on: bool, listed: bool) -> Want {
+            match (is_on, listed) {
+                (false, _) => Want::No,
+                (true, false) => Want::IfPossible,
+                (true, true) => Want::Required,
+            }
+        }
+        Self {
+            coherent: want(effects.contains(Effect::Coherent), listed),
+            illuminant: want(effects.contains(Effect::Illuminant), listed),
+            irregularity: effects.contains(Effect::Irregularity),
+            absorption: effects.contains(Effect::Absorption),
+        }
+    }
+}
+
+/// The interference colours of a recipe, and which of those wanted it cannot have.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Colours {
+    /// The section for the table.
+    pub spectra: Spectra,
+    /// Effects that are missing, with the reason.
+    pub missing: Vec<(Effect, String)>,
+}
+
+impl Colours {
+    /// The effects that are there.
+    #[must_use]
+    pub fn effects(&self) -> EffectSet {
+        let coherent = self.spectra.coherent.as_ref().map(|_| Effect::Coherent);
+        coherent.into_iter().chain(self.spectra.illuminant.as_ref().map(|_| Effect::Illuminant)).collect()
+    }
+
+    /// Puts the colours and the reasons for missing ones into a table's metadata.
+    ///
+    /// # Errors
+    /// The section is not valid.
+    pub fn store(&self, meta: &mut Meta) -> Result<(), Flaw> {
+        if self.effects() != EffectSet::NONE {
+            self.spectra.store(meta)?;
+        }
+        if !self.missing.is_empty() {
+            let reasons =
+                self.missing.iter().map(|(effect, why)| (effect.name().to_owned(), why.clone().into()));
+            meta.extra.insert(MISSING_KEY.to_owned(), serde_json::Value::Object(reasons.collect()));
+        }
+        Ok(())
+    }
+}
+
+/// The colours of a recipe that are wanted: a fraction of a second for a regular stack, seconds for an irregular one.
 ///
 /// # Errors
-/// A recipe that the transport problem refuses, or a wave that the stack amplifies without bound.
-pub fn of(recipe: &Recipe) -> Result<Spectra, SpectraError> {
-    let transport = recipe.transport(recipe.wavelength())?;
-    let stack = stack(recipe);
-    let members = Members::new(&stack)?;
-    let theta_deg: Vec<f64> = (0..=90).step_by(STEP_DEG).map(|degrees| degrees as f64).collect();
-    let angles: Vec<Angle> = theta_deg
-        .par_iter()
-        .map(|degrees| members.at(degrees.min(GRAZING_DEG).to_radians(), &transport))
-        .collect::<Result<_, _>>()?;
-    Ok(Spectra {
-        wavelength_nm: (0..BANDS).map(|band| FIRST_NM + BAND_NM * (band as f64 + 0.5)).collect(),
-        theta_deg,
-        modulation: angles.iter().map(|a| a.modulation.clone()).collect(),
-        illuminant: angles.iter().map(|a| a.illuminant.clone()).collect(),
-        incoherent: angles.iter().map(|a| vec![a.incoherent; BANDS]).collect(),
-        modulation_rgb: angles.iter().map(|a| a.modulation_rgb).collect(),
-        illuminant_rgb: angles.iter().map(|a| a.illuminant_rgb).collect(),
-    })
-}
-
-/// The rows of one angle.
-struct Angle {
-    modulation: Vec<f64>,
-    illuminant: Vec<f64>,
-    incoherent: f64,
-    modulation_rgb: [f64; 3],
-    illuminant_rgb: [f64; 3],
-}
-
-/// The stacks that are averaged, and how finely.
-struct Members {
-    stacks: Vec<Stack>,
-    reflectance_per_band: usize,
-    field_per_band: usize,
-}
-
-impl Members {
-    fn new(stack: &Stack) -> Result<Self, StackError> {
-        let irregular = stack.is_irregular();
-        let count = if irregular { MEMBERS } else { 1 };
-        let stacks: Vec<Stack> =
-            (0..count as u64).map(|member| stack.draw(SEED, member)).collect::<Result<_, _>>()?;
-        // Repeated units are doubled: a few products in place of every layer.
-        let steps: f64 = stacks[0]
-            .runs
-            .iter()
-            .map(|run| run.unit.len() as f64 * (1.0 + (run.repeat as f64).log2().max(0.0)))
-            .sum();
-        let waves = (BANDS * (90 / STEP_DEG + 1) * 2) as f64;
-        let per_band = |work: f64, steps: f64, members: usize| {
-            ((work / (waves * steps * members as f64)) as usize).clamp(1, FINEST)
-        };
-        let layers = stack.layer_count() as f64;
-        Ok(Self {
-            reflectance_per_band: per_band(REFLECTANCE_WORK, steps, count),
-            field_per_band: per_band(FIELD_WORK, layers, count.min(FIELD_MEMBERS)),
-            stacks,
-        })
-    }
-
-    fn at(&self, theta: f64, transport: &Transport) -> Result<Angle, SpectraError> {
-        let incoherent = incoherent_reflectance(transport, theta);
-        let (nm, reflectance) =
-            self.spectrum(self.reflectance_per_band, &self.stacks, |stack, metres, pol| {
-                Ok(stack.solve(metres, Incidence::Angle(theta), pol)?.reflectance)
-            })?;
-        let most = 1.0 / incoherent;
-        let modulation: Vec<f64> = reflectance.iter().map(|r| (r / incoherent).clamp(0.0, most)).collect();
-        let emitters = &self.stacks[..self.stacks.len().min(FIELD_MEMBERS)];
-        let (emission_nm, emission) =
-            self.spectrum(self.field_per_band, emitters, |stack, metres, pol| {
-                Ok(stack.field(metres, Incidence::Angle(theta), pol)?.integrals().iter().sum())
-            })?;
-        let mean = emission.iter().sum::<f64>() / emission.len() as f64;
-        // 1/cos θ drops out of the unit mean. Without layers to emit there is no hue either.
-        let illuminant: Vec<f64> = emission.iter().map(|e| if mean > 0.0 { e / mean } else { 1.0 }).collect();
-        Ok(Angle {
-            modulation_rgb: cie::linear_srgb(&nm, &modulation).map(|c| c.clamp(0.0, most)),
-            illuminant_rgb: cie::linear_srgb(&emission_nm, &illuminant).map(|c| c.max(0.0)),
-            modulation: band_means(&modulation),
-            illuminant: band_means(&illuminant),
-            incoherent,
-        })
-    }
-
-    /// A quantity over equidistant wavelengths (nm), mean over stacks and polarisations.
-    fn spectrum(
-        &self,
-        per_band: usize,
-        stacks: &[Stack],
-        value: impl Fn(&Multilayer, f64, Polarisation) -> Result<f64, SpectraError>,
-    ) -> Result<(Vec<f64>, Vec<f64>), SpectraError> {
-        let step = BAND_NM / per_band as f64;
-        let nm: Vec<f64> = (0..BANDS * per_band).map(|i| FIRST_NM + step * (i as f64 + 0.5)).collect();
-        let mut values = Vec::with_capacity(nm.len());
-        for nm in &nm {
-            let mut sum = 0.0;
-            for stack in stacks {
-                let waves = multilayer(stack, nm * 1e-9)?;
-                for polarisation in Polarisation::BOTH {
-                    sum += value(&waves, nm * 1e-9, polarisation)?;
-                }
-            }
-            values.push(sum / (2 * stacks.len()) as f64);
+/// A recipe that the transport problem refuses; a [`Want::Required`] colour of a stack whose waves cannot be followed.
+pub fn of(recipe: &Recipe, wanted: Wanted) -> Result<Colours, SpectraError> {
+    let mut colours = Colours {
+        spectra: Spectra { wavelength_nm: band_centres_nm(), ..Spectra::default() },
+        missing: Vec::new(),
+    };
+    let mut attempt = |effect, want, compute: &dyn Fn() -> Result<_, SpectraError>| {
+        if want == Want::No {
+            return Ok(None);
         }
-        Ok((nm, values))
-    }
-}
-
-fn band_means(values: &[f64]) -> Vec<f64> {
-    let per_band = values.len() / BANDS;
-    values.chunks(per_band).map(|band| band.iter().sum::<f64>() / per_band as f64).collect()
-}
-
-/// The recipe's stack for waves; of an explicit or irregular one the uppermost 20,000 layers.
-fn stack(recipe: &Recipe) -> Stack {
-    let source = &recipe.stack;
-    let (ambient, substrate) = (source.ambient.material(), source.substrate.material());
-    let count = source.layer_count();
-    let resolved = source.layers_resolved();
-    if source.explicit.is_none() && count >= 2 {
-        let layer =
-            |i: usize| (resolved[i].material.clone(), resolved[i].thickness, resolved[i].thickness_sd);
-        let irregular = resolved[0].thickness_sd > 0.0 || resolved[1].thickness_sd > 0.0;
-        let count = if irregular { count.min(DEEPEST) } else { count };
-        debug_assert!(matches!(source.count, Count::Layers | Count::Pairs));
-        return Stack::alternating(ambient, layer(0), layer(1), count as u64, substrate);
-    }
-    let kept = &resolved[..count.min(DEEPEST)];
-    let unit = kept.iter().enumerate().map(|(material, layer)| StackLayer {
-        material,
-        thickness: layer.thickness,
-        thickness_sd: layer.thickness_sd,
-    });
-    Stack {
-        ambient,
-        materials: kept.iter().map(|layer| layer.material.clone()).collect(),
-        runs: vec![StackRun { unit: unit.collect(), repeat: 1 }],
-        substrate,
-        gain: Gain::Refused,
-    }
-}
-
-/// The stack at a wavelength; a tabulated index stays constant beyond its table.
-fn multilayer(stack: &Stack, metres: f64) -> Result<Multilayer, StackError> {
-    let index = |material: &Material| {
-        let index = material.index(metres).or_else(|error| match error {
-            MaterialError::OutsideTable { from_nm, to_nm, wavelength_nm } => {
-                material.index(wavelength_nm.clamp(from_nm, to_nm) * 1e-9)
+        match compute() {
+            Ok(part) => Ok(Some(part)),
+            Err(SpectraError::Stack(why)) if want == Want::IfPossible => {
+                colours.missing.push((effect, why.to_string()));
+                Ok(None)
             }
-            other => Err(other),
-        });
-        index.map_err(|source| StackError::Material { medium: "a layer or half space".to_owned(), source })
+            Err(why) => Err(SpectraError::Required { effect, source: Box::new(why) }),
+        }
     };
-    let materials: Vec<_> = stack.materials.iter().map(index).collect::<Result<_, _>>()?;
-    let run = |run: &StackRun| Run {
-        unit: run
-            .unit
-            .iter()
-            .map(|layer| Layer { index: materials[layer.material], thickness: layer.thickness })
-            .collect(),
-        repeat: run.repeat,
-    };
-    Ok(Multilayer {
-        ambient: index(&stack.ambient)?,
-        runs: stack.runs.iter().map(run).collect(),
-        substrate: index(&stack.substrate)?,
+    let coherent =
+        attempt(Effect::Coherent, wanted.coherent, &|| coherent(recipe, wanted).map(Part::Coherent))?;
+    let illuminant =
+        attempt(Effect::Illuminant, wanted.illuminant, &|| illuminant(recipe, wanted).map(Part::Illuminant))?;
+    for part in coherent.into_iter().chain(illuminant) {
+        match part {
+            Part::Coherent(part) => colours.spectra.coherent = Some(part),
+            Part::Illuminant(part) => colours.spectra.illuminant = Some(part),
+        }
+    }
+    Ok(colours)
+}
+
+enum Part {
+    Coherent(Coherent),
+    Illuminant(Illuminant),
+}
+
+fn coherent(recipe: &Recipe, wanted: Wanted) -> Result<Coherent, SpectraError> {
+    let mut transport = recipe.transport(recipe.wavelength())?;
+    if !wanted.absorption {
+        transport.optical_depths.fill(0.0);
+    }
+    let stack = wave_stack(recipe, wanted);
+    let theta_deg = angles_deg(if stack.is_irregular() { STEP_DEG } else { FINE_STEP_DEG });
+    let angles = radians(&theta_deg);
+    // Repeated units of a long stack are doubled.
+    let layers = (stack.layer_count() as usize).min(DEEPEST);
+    let work = if stack.is_irregular() { IRREGULAR_WORK } else { REFLECTANCE_WORK };
+    let Effort { per_band, members } = Effort::new(work, layers, angles.len(), stack.is_irregular());
+    let wavelengths = colour::wavelengths(BANDS * per_band + 1);
+    let reflectance = ensemble::mean(&stack, SEED, members, &wavelengths, &angles)?.reflectance;
+    let rows: Vec<Row> = angles
+        .par_iter()
+        .zip(reflectance)
+        .map(|(theta, reflectance)| {
+            let incoherent = incoherent_reflectance(&transport, *theta);
+            let most = 1.0 / incoherent;
+            let modulation: Vec<f64> = reflectance.iter().map(|r| (r * most).clamp(0.0, most)).collect();
+            Row { bands: band_means(&modulation), rgb: rgb(&modulation, most), scale: incoherent }
+        })
+        .collect();
+    Ok(Coherent {
+        theta_deg,
+        modulation_rgb: rows.iter().map(|row| row.rgb).collect(),
+        incoherent: rows.iter().map(|row| row.scale).collect(),
+        modulation: rows.into_iter().map(|row| row.bands).collect(),
     })
+}
+
+fn illuminant(recipe: &Recipe, wanted: Wanted) -> Result<Illuminant, SpectraError> {
+    // Refuses what the bake refuses, with its words.
+    recipe.transport(recipe.wavelength())?;
+    let stack = shortened(wave_stack(recipe, wanted), DEEPEST);
+    let theta_deg = angles_deg(STEP_DEG);
+    let angles = radians(&theta_deg);
+    let work = if wanted.absorption || stack.is_irregular() { SLOW_FIELD_WORK } else { FIELD_WORK };
+    let layers = stack.layer_count() as usize;
+    let Effort { per_band, members } = Effort::new(work, layers, angles.len(), stack.is_irregular());
+    let wavelengths = colour::wavelengths(BANDS * per_band + 1);
+    let emission =
+        modulation::illuminant(&stack, SourceProfile::Uniform, SEED, members, &wavelengths, &angles)?;
+    let rows: Vec<Row> = emission
+        .into_par_iter()
+        .map(|emission| {
+            let bands = band_means(&emission);
+            let scale = bands.iter().sum::<f64>() / BANDS as f64;
+            let unit: Vec<f64> = emission.iter().map(|e| e / scale).collect();
+            Row { bands: bands.iter().map(|e| e / scale).collect(), rgb: rgb(&unit, f64::INFINITY), scale }
+        })
+        .collect();
+    Ok(Illuminant {
+        theta_deg,
+        emission_rgb: rows.iter().map(|row| row.rgb).collect(),
+        emission: rows.into_iter().map(|row| row.bands).collect(),
+    })
+}
+
+/// One angle.
+struct Row {
+    bands: Vec<f64>,
+    rgb: [f64; 3],
+    /// What the spectrum was divided by.
+    scale: f64,
+}
+
+/// How finely a quantity is sampled.
+struct Effort {
+    /// Wavelengths a band.
+    per_band: usize,
+    /// Members of an ensemble.
+    members: u64,
+}
+
+impl Effort {
+    fn new(work: f64, layers: usize, angles: usize, irregular: bool) -> Self {
+        // Both polarisations.
+        let a_wavelength_a_band = (2 * BANDS * (layers + OVERHEAD) * angles) as f64;
+        let affordable = work / a_wavelength_a_band;
+        let members = if irregular {
+            (affordable / FIRST_PER_BAND).clamp(FEWEST_MEMBERS, MEMBERS).floor()
+        } else {
+            1.0
+        };
+        let per_band = (affordable / members).clamp(1.0, FINEST);
+        Self { per_band: per_band as usize, members: members as u64 }
+    }
+}
+
+fn angles_deg(step: usize) -> Vec<f64> {
+    (0..=90).step_by(step).map(|degrees| degrees as f64).collect()
+}
+
+fn radians(theta_deg: &[f64]) -> Vec<f64> {
+    theta_deg.iter().map(|degrees| degrees.min(GRAZING_DEG).to_radians()).collect()
+}
+
+fn band_centres_nm() -> Vec<f64> {
+    let edge = |band: f64| {
+        1e9 * (colour::VISIBLE[0] + (colour::VISIBLE[1] - colour::VISIBLE[0]) * band / BANDS as f64)
+    };
+    (0..BANDS).map(|band| edge(band as f64 + 0.5)).collect()
+}
+
+/// Mean of each band, of values at the wavelengths of [`colour::wavelengths`], both edges included (trapezoid rule).
+fn band_means(values: &[f64]) -> Vec<f64> {
+    let per_band = (values.len() - 1) / BANDS;
+    let mean = |band: usize| {
+        let inside = &values[band * per_band..=(band + 1) * per_band];
+        let ends = 0.5 * (inside[0] + inside[per_band]);
+        (ends + inside[1..per_band].iter().sum::<f64>()) / per_band as f64
+    };
+    (0..BANDS).map(mean).collect()
+}
+
+/// Linear sRGB of a spectrum, 1 for a spectrum that is 1 everywhere, within 0 to `most`.
+fn rgb(values: &[f64], most: f64) -> [f64; 3] {
+    let white = colour::linear_srgb(colour::xyz(&vec![1.0; values.len()]));
+    let rgb = colour::linear_srgb(colour::xyz(values));
+    [0, 1, 2].map(|c| (rgb[c] / white[c]).clamp(0.0, most))
+}
+
+/// The recipe's stack for waves over the visible range: a tabulated index stays constant beyond its table, and of an
+/// irregular or explicit stack only the uppermost layers are followed.
+fn wave_stack(recipe: &Recipe, wanted: Wanted) -> Stack {
+    let mut stack = recipe.film_stack();
+    if !wanted.absorption {
+        stack.materials.iter_mut().for_each(make_clear);
+    }
+    if !wanted.irregularity {
+        stack.runs.iter_mut().flat_map(|run| &mut run.unit).for_each(|layer| layer.thickness_sd = 0.0);
+    }
+    let media = stack.materials.iter_mut().chain([&mut stack.ambient, &mut stack.substrate]);
+    media.for_each(hold_constant);
+    let periodic = stack.runs.iter().any(|run| run.repeat > 1);
+    if stack.is_irregular() || !periodic { shortened(stack, DEEPEST) } else { stack }
+}
+
+fn make_clear(material: &mut Material) {
+    material.k = 0.0;
+    if let Dispersion::Table(rows) = &mut material.n {
+        rows.iter_mut().for_each(|row| row[2] = 0.0);
+    }
+}
+
+/// Extends a tabulated index to the visible range.
+fn hold_constant(material: &mut Material) {
+    let Dispersion::Table(rows) = &mut material.n else { return };
+    let [first_nm, last_nm] = colour::VISIBLE.map(|metres| metres * 1e9);
+    if let Some(&[nm, n, k]) = rows.first()
+        && nm > first_nm
+    {
+        rows.insert(0, [first_nm, n, k]);
+    }
+    if let Some(&[nm, n, k]) = rows.last()
+        && nm < last_nm
+    {
+        rows.push([last_nm, n, k]);
+    }
+}
+
+/// The uppermost `most` layers of a stack, or a few less to end with a whole period.
+fn shortened(mut stack: Stack, most: usize) -> Stack {
+    let mut room = most;
+    let cut = |run: StackRun| {
+        let length = run.unit.len();
+        let repeat = run.repeat.min((room / length.max(1)) as u64);
+        let unit = if repeat == 0 { run.unit[..room.min(length)].to_vec() } else { run.unit };
+        let repeat = repeat.max(1);
+        room -= unit.len() * repeat as usize;
+        StackRun { unit, repeat }
+    };
+    stack.runs = stack.runs.into_iter().map(cut).filter(|run| !run.unit.is_empty()).collect();
+    stack
 }
 
 /// Reflectance of the stack when intensities add: the walk with flat interfaces.
@@ -264,8 +403,17 @@ fn fresnel(n1: f64, cos1: f64, n2: f64, cos2: f64) -> f64 {
 mod tests {
     use super::*;
 
+    const BOTH: Wanted =
+        Wanted { coherent: Want::Required, illuminant: Want::Required, irregularity: true, absorption: true };
+
     fn recipe(text: &str) -> Recipe {
         Recipe::from_json(text).unwrap()
+    }
+
+    fn both(text: &str) -> (Coherent, Illuminant) {
+        let spectra = of(&recipe(text), BOTH).unwrap().spectra;
+        spectra.validate().unwrap();
+        (spectra.coherent.unwrap(), spectra.illuminant.unwrap())
     }
 
     #[test]
@@ -281,43 +429,122 @@ mod tests {
 
     #[test]
     fn a_short_regular_stack_has_valid_colours_bounded_by_its_energy() {
-        let spectra = of(&recipe(r#"{"stack": {"layers": 7}}"#)).unwrap();
-        spectra.validate().unwrap();
-        for (i, row) in spectra.modulation.iter().enumerate() {
-            let most = 1.0 / spectra.incoherent[i][0];
-            assert!(row.iter().chain(&spectra.modulation_rgb[i]).all(|m| *m <= most + 1e-12));
-            let mean = spectra.illuminant[i].iter().sum::<f64>() / BANDS as f64;
+        let (coherent, illuminant) = both(r#"{"stack": {"layers": 7}}"#);
+        for (i, row) in coherent.modulation.iter().enumerate() {
+            let most = 1.0 / coherent.incoherent[i];
+            assert!(row.iter().chain(&coherent.modulation_rgb[i]).all(|m| *m <= most + 1e-12));
+        }
+        for row in &illuminant.emission {
+            let mean = row.iter().sum::<f64>() / BANDS as f64;
             assert!((mean - 1.0).abs() < 1e-12);
         }
     }
 
     #[test]
+    fn a_band_is_the_mean_reflectance_of_the_stack_in_it() {
+        // One film, solved wave by wave with the general solver, far more finely than a band.
+        let recipe = recipe(r#"{"stack": {"layers": 3}}"#);
+        let (coherent, _) = both(r#"{"stack": {"layers": 3}}"#);
+        let (band, degrees) = (33, 40);
+        let waves = 500;
+        let mean: f64 = (0..waves)
+            .map(|i| {
+                let nm = 380.0 + 5.0 * (band as f64 + (f64::from(i) + 0.5) / f64::from(waves));
+                let stack = recipe.film_stack().at(nm * 1e-9).unwrap();
+                let angle = thinfilm::Incidence::Angle((degrees as f64).to_radians());
+                let r = |pol| stack.solve(nm * 1e-9, angle, pol).unwrap().reflectance;
+                thinfilm::Polarisation::BOTH.map(r).iter().sum::<f64>() / 2.0
+            })
+            .sum::<f64>()
+            / f64::from(waves);
+        let found = coherent.modulation[degrees][band] * coherent.incoherent[degrees];
+        assert!((found - mean).abs() < 1e-5 * mean, "{found} {mean}");
+    }
+
+    #[test]
     fn a_stack_of_one_index_has_no_hue_but_that_of_its_surface() {
         // One thick layer of the substrate's own material: a single interface, coherent = incoherent.
-        let spectra = of(&recipe(
-            r#"{"stack": {"explicit": [{"n": 1.5, "thickness_nm": 1000}], "substrate": {"n": 1.5}}}"#,
-        ))
-        .unwrap();
-        for row in &spectra.modulation[..spectra.modulation.len() - 1] {
+        let (coherent, illuminant) =
+            both(r#"{"stack": {"explicit": [{"n": 1.5, "thickness_nm": 1000}], "substrate": {"n": 1.5}}}"#);
+        for row in &coherent.modulation[..coherent.modulation.len() - 1] {
             assert!(row.iter().all(|m| (m - 1.0).abs() < 1e-9), "{row:?}");
         }
-        for rgb in spectra.illuminant_rgb {
+        for rgb in illuminant.emission_rgb {
             assert!(rgb.iter().all(|c| (c - 1.0).abs() < 1e-6), "{rgb:?}");
         }
     }
 
     #[test]
     fn a_tabulated_index_that_ends_inside_the_visible_is_held_constant() {
-        let spectra = of(&recipe(
-            r#"{"stack": {"explicit": [{"n": {"table": [[540, 1.5, 0], [560, 1.6, 0]]}, "thickness_nm": 300}]}}"#,
-        ))
-        .unwrap();
-        spectra.validate().unwrap();
+        let table = |rows: &str| {
+            format!(r#"{{"stack": {{"explicit": [{{"n": {{"table": {rows}}}, "thickness_nm": 300}}]}}}}"#)
+        };
+        let (short, _) = both(&table("[[540, 1.5, 0], [560, 1.6, 0]]"));
+        let (long, _) = both(&table("[[300, 1.5, 0], [540, 1.5, 0], [560, 1.6, 0], [800, 1.6, 0]]"));
+        assert_eq!(short, long);
     }
 
     #[test]
-    fn irregular_stacks_are_reproducible() {
-        let text = r#"{"stack": {"layers": 6, "aragonite": {"thickness_sd_nm": 20}}}"#;
-        assert_eq!(of(&recipe(text)).unwrap(), of(&recipe(text)).unwrap());
+    fn irregular_stacks_are_reproducible_on_any_number_of_threads() {
+        let irregular = recipe(r#"{"stack": {"layers": 6, "aragonite": {"thickness_sd_nm": 20}}}"#);
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| of(&irregular, BOTH).unwrap())
+        };
+        assert_eq!(on(1), on(3));
+    }
+
+    #[test]
+    fn only_what_is_wanted_is_there() {
+        let recipe = recipe(r#"{"stack": {"layers": 4}, "look": {"depth": 0, "coherence": 0.3}}"#);
+        let held = |effects: &[Effect]| {
+            let wanted = Wanted::by_effects(effects.iter().copied().collect(), false);
+            of(&recipe, wanted).unwrap().effects().iter().collect::<Vec<_>>()
+        };
+        assert_eq!(held(&[Effect::Coherent, Effect::Blur]), [Effect::Coherent]);
+        assert_eq!(held(&[Effect::Illuminant]), [Effect::Illuminant]);
+        assert_eq!(held(&[Effect::Surface, Effect::Irregularity]), []);
+    }
+
+    #[test]
+    fn absorption_and_irregularity_change_the_colours_only_where_they_are_wanted() {
+        let plain = both(r#"{"stack": {"layers": 4}}"#);
+        let text = r#"{"stack": {"layers": 4, "aragonite": {"k": 0.01, "thickness_sd_nm": 30}}}"#;
+        let of_text = |wanted| {
+            let spectra = of(&recipe(text), wanted).unwrap().spectra;
+            (spectra.coherent.unwrap(), spectra.illuminant.unwrap())
+        };
+        assert_eq!(of_text(Wanted { irregularity: false, absorption: false, ..BOTH }), plain);
+        let absorbing = of_text(Wanted { irregularity: false, ..BOTH });
+        let irregular = of_text(Wanted { absorption: false, ..BOTH });
+        for (coherent, illuminant) in [absorbing, irregular] {
+            assert_ne!(coherent.modulation[0], plain.0.modulation[0]);
+            assert_ne!(illuminant.emission, plain.1.emission);
+        }
+    }
+
+    #[test]
+    fn a_stack_without_an_index_somewhere_bakes_without_colour_unless_it_was_asked_for_by_name() {
+        // n = 3.153 − 0.5 µm²/λ² is 1.5 at 550 nm, where the walk is, and negative at 380 nm.
+        let violet = recipe(
+            r#"{"stack": {"layers": 4, "aragonite": {"n": {"cauchy": [3.153, -0.5]}, "thickness_nm": 450}}}"#,
+        );
+        let effects: EffectSet = [Effect::Coherent, Effect::Illuminant].into_iter().collect();
+        let colours = of(&violet, Wanted::by_effects(effects, false)).unwrap();
+        assert_eq!(colours.effects(), EffectSet::NONE);
+        assert_eq!(colours.missing.len(), 2);
+        assert!(colours.missing[0].1.contains("n = -0."), "{:?}", colours.missing);
+        let error = of(&violet, Wanted::by_effects(effects, true)).unwrap_err().to_string();
+        assert!(error.starts_with("effects: coherent cannot be had: ") && !error.contains('\n'), "{error}");
+    }
+
+    #[test]
+    fn a_deep_stack_is_cut_to_the_layers_that_are_followed() {
+        let stack = recipe(r#"{"stack": {"layers": 99999}}"#).film_stack();
+        assert_eq!(shortened(stack.clone(), 16_384).layer_count(), 16_384);
+        assert_eq!(shortened(stack.clone(), 100_000), stack);
+        let explicit =
+            Stack { runs: vec![StackRun { unit: stack.layers().take(7).collect(), repeat: 1 }], ..stack };
+        assert_eq!(shortened(explicit, 5).layer_count(), 5);
     }
 }

@@ -3,6 +3,7 @@
 use crate::bake::assemble::cell_shares;
 use crate::bake::sampling::{Sampling, Shard};
 use crate::bake::{BakeError, Observer, Request, Target, exit_axis};
+use crate::effects::{Effect, EffectSet};
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::tally::CHUNK;
 use lut_io::axis::ExitAxis;
@@ -237,11 +238,17 @@ impl Bench {
     }
 }
 
+/// The recipe's effects without interference colours, which cost the same with every solver.
+fn lobe_effects(recipe: &Recipe) -> EffectSet {
+    crate::bake::effects_of(recipe).without(Effect::Coherent).without(Effect::Illuminant)
+}
+
 fn request(recipe: &Recipe, incident_deg: &[f64], azimuth: AzimuthMode) -> Request {
     let mut recipe = recipe.clone();
     recipe.azimuth.mode = azimuth;
     Request {
-        effects: crate::bake::effects_of(&recipe),
+        effects: lobe_effects(&recipe),
+        listed: false,
         recipe,
         incident_deg: incident_deg.to_vec(),
         target: Target::AccuracyPercent(1.0),
@@ -314,7 +321,7 @@ fn effects(recipe: &Recipe) -> Result<Vec<EffectCost>, BakeError> {
     if let Some(layers) = &mut absorbing.recipe.stack.explicit {
         layers.iter_mut().for_each(|layer| layer.k += 1e-5);
     }
-    absorbing.effects = crate::bake::effects_of(&absorbing.recipe);
+    absorbing.effects = lobe_effects(&absorbing.recipe);
     let mut visible = base.clone();
     visible.recipe.facets.normals = transport::Normals::Visible;
     let space = request(recipe, &[30.0], AzimuthMode::Walk);

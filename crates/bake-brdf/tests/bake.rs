@@ -480,3 +480,58 @@ fn effects_that_cannot_be_baked_are_refused_in_one_line() {
     }
     assert_eq!(std::fs::read_dir(folder.path()).expect("the folder reads").count(), 0);
 }
+
+/// (has a modulation, has an illuminant).
+fn colours(table: &Table) -> (bool, bool) {
+    lut_io::spectra::Spectra::of(&table.meta)
+        .expect("the section is valid")
+        .map_or((false, false), |spectra| (spectra.coherent.is_some(), spectra.illuminant.is_some()))
+}
+
+#[test]
+fn each_interference_colour_is_in_the_file_exactly_when_it_is_called_for() {
+    let args = ["--paths", "1000", "--incident-deg", "0,60"];
+    let look = |depth: f64, coherence: f64| {
+        let text =
+            format!(r#"{{"stack":{{"layers":6}},"look":{{"depth":{depth},"coherence":{coherence}}}}}"#);
+        bake_recipe(&text, &args)
+    };
+    for (depth, coherence) in [(0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5)] {
+        let table = look(depth, coherence);
+        assert_eq!(colours(&table), (coherence > 0.0, depth > 0.0), "{depth} {coherence}");
+        let named = |name: &str| table.meta.effects.iter().any(|effect| effect == name);
+        assert_eq!((named("coherent"), named("illuminant")), colours(&table));
+    }
+    let listed = |list: &str| {
+        let listed = [&args[..], &["--effects", list]].concat();
+        colours(&bake_recipe(r#"{"stack":{"layers":6}}"#, &listed))
+    };
+    assert_eq!(listed("blur"), (false, false));
+    assert_eq!(listed("blur,coherent"), (true, false));
+    assert_eq!(listed("illuminant,body"), (false, true));
+}
+
+/// n of the aragonite is negative at the violet end: there is a walk at 550 nm and no colour.
+const NO_VIOLET: &str = r#"{"stack":{"layers":6,"aragonite":{"n":{"cauchy":[3.153,-0.5]}}}}"#;
+
+#[test]
+fn a_stack_without_colours_bakes_with_the_reason_or_is_refused_by_name() {
+    let args = ["--paths", "1000", "--incident-deg", "0,60"];
+    let table = bake_recipe(NO_VIOLET, &args);
+    assert_eq!(colours(&table), (false, false));
+    let missing = &table.meta.extra["spectra_missing"];
+    for effect in ["coherent", "illuminant"] {
+        assert!(missing[effect].as_str().is_some_and(|why| why.contains("380")), "{missing}");
+        assert!(!table.meta.effects.iter().any(|name| name == effect));
+    }
+    let folder = folder();
+    write_recipe(folder.path(), NO_VIOLET);
+    for further in [&["--effects", "blur,coherent"][..], &["--effects", "blur,illuminant", "--shard", "1/2"]]
+    {
+        let output = tool(folder.path(), &[&["recipe.json"], &args[..], further].concat());
+        let line = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{line}");
+        assert!(line.contains("cannot be had") && line.trim_end().lines().count() == 1, "{line}");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("the folder reads").count(), 1);
+    }
+}

@@ -1,8 +1,8 @@
 //! The colours of interference that rendering needs, baked once: section `spectra` of the metadata.
 //!
 //! Every array of arrays is `[θ][band]`: one row a stored angle, one value a wavelength band. A renderer
-//! multiplies the lobe by the modulation at the half-vector angle, and the base by the illuminant at the exit
-//! angle.
+//! multiplies the lobe by the modulation at the half-vector angle, and the base by the illuminant at the viewing
+//! angle. Each of the two is there only if the bake was asked for it.
 
 use crate::error::Flaw;
 use crate::table::Meta;
@@ -16,23 +16,43 @@ pub const MAX_NODES: usize = 1024;
 const MAX_VALUE: f64 = 1e6;
 
 /// Interference colours over wavelength and angle.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spectra {
-    /// Band centres, vacuum wavelength in nm, ascending. Values are means over the band.
+    /// Band centres, vacuum wavelength in nm, ascending and equally spaced. Values are means over the band.
     pub wavelength_nm: Vec<f64>,
-    /// Angles in the ambient medium, degrees, ascending from 0 to 90.
+    /// Colour of the lobes (effect `coherent`).
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub coherent: Option<Coherent>,
+    /// Colour of the base (effect `illuminant`).
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub illuminant: Option<Illuminant>,
+}
+
+/// Coherent interference: what the lobes are multiplied by.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Coherent {
+    /// Half-vector angles in the ambient medium, degrees, ascending from 0 to 90.
     pub theta_deg: Vec<f64>,
-    /// M(λ, θ) = R_coherent / R_incoherent, θ the half-vector angle.
+    /// M(λ, θ) = R_coherent / R_incoherent.
     pub modulation: Vec<Vec<f64>>,
-    /// Ê(λ, θ): radiance of light scattered inside the stack, unit mean over wavelength, θ the exit angle.
-    pub illuminant: Vec<Vec<f64>>,
-    /// R_incoherent(λ, θ) that `modulation` was divided by; for information.
-    pub incoherent: Vec<Vec<f64>>,
-    /// M in linear sRGB (D65 white is 1, 1, 1), no channel below 0 or above 1/R_incoherent.
+    /// M in linear sRGB (M = 1 at all wavelengths is 1, 1, 1), no channel below 0 or above 1/R_incoherent.
     pub modulation_rgb: Vec<[f64; 3]>,
-    /// Ê in linear sRGB, no channel below 0.
-    pub illuminant_rgb: Vec<[f64; 3]>,
+    /// R_incoherent(θ) that `modulation` was divided by; for information.
+    pub incoherent: Vec<f64>,
+}
+
+/// Incoherent interference: what the base is multiplied by.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Illuminant {
+    /// Angles of exit into the ambient medium, degrees, ascending from 0 to 90.
+    pub theta_deg: Vec<f64>,
+    /// Ê(λ, θ): radiance of light scattered inside the stack, unit mean over the bands at each θ.
+    pub emission: Vec<Vec<f64>>,
+    /// Ê in linear sRGB (Ê = 1 at all wavelengths is 1, 1, 1), no channel below 0.
+    pub emission_rgb: Vec<[f64; 3]>,
 }
 
 impl Spectra {
@@ -64,16 +84,22 @@ impl Spectra {
     }
 
     fn rounded(&self) -> Self {
-        let row = |row: &Vec<f64>| row.iter().map(|x| seven_digits(*x)).collect();
-        let rgb = |rgb: &[f64; 3]| rgb.map(seven_digits);
+        let row = |row: &Vec<f64>| -> Vec<f64> { row.iter().map(|x| seven_digits(*x)).collect() };
+        let rows = |rows: &Vec<Vec<f64>>| rows.iter().map(row).collect();
+        let rgb = |rows: &Vec<[f64; 3]>| rows.iter().map(|rgb| rgb.map(seven_digits)).collect();
         Self {
             wavelength_nm: row(&self.wavelength_nm),
-            theta_deg: row(&self.theta_deg),
-            modulation: self.modulation.iter().map(row).collect(),
-            illuminant: self.illuminant.iter().map(row).collect(),
-            incoherent: self.incoherent.iter().map(row).collect(),
-            modulation_rgb: self.modulation_rgb.iter().map(rgb).collect(),
-            illuminant_rgb: self.illuminant_rgb.iter().map(rgb).collect(),
+            coherent: self.coherent.as_ref().map(|coherent| Coherent {
+                theta_deg: row(&coherent.theta_deg),
+                modulation: rows(&coherent.modulation),
+                modulation_rgb: rgb(&coherent.modulation_rgb),
+                incoherent: row(&coherent.incoherent),
+            }),
+            illuminant: self.illuminant.as_ref().map(|illuminant| Illuminant {
+                theta_deg: row(&illuminant.theta_deg),
+                emission: rows(&illuminant.emission),
+                emission_rgb: rgb(&illuminant.emission_rgb),
+            }),
         }
     }
 
@@ -82,38 +108,40 @@ impl Spectra {
     /// # Errors
     /// The first flaw found.
     pub fn validate(&self) -> Result<(), Flaw> {
-        let (bands, angles) = (self.wavelength_nm.len(), self.theta_deg.len());
         check_axis("wavelength_nm", &self.wavelength_nm, 1, |nm| nm > 0.0, "a positive wavelength")?;
-        check_axis("theta_deg", &self.theta_deg, 2, |t| (0.0..=90.0).contains(&t), "an angle from 0 to 90")?;
-        if self.theta_deg[0] != 0.0 || self.theta_deg[angles - 1] != 90.0 {
-            let problem = format!(
-                "runs from {} to {}, expected 0 to 90",
-                self.theta_deg[0],
-                self.theta_deg[angles - 1]
-            );
-            return Err(Flaw::new("theta_deg", problem));
+        let bands = self.wavelength_nm.len();
+        if let Some(Coherent { theta_deg, modulation, modulation_rgb, incoherent }) = &self.coherent {
+            check_angles("coherent.theta_deg", theta_deg)?;
+            check_rows("coherent.modulation", modulation, theta_deg.len(), bands)?;
+            check_rows("coherent.modulation_rgb", modulation_rgb, theta_deg.len(), 3)?;
+            check_length("coherent.incoherent", incoherent.len(), theta_deg.len(), "angles")?;
+            check_values("coherent.incoherent", incoherent)?;
         }
-        for (name, rows) in [
-            ("modulation", &self.modulation),
-            ("illuminant", &self.illuminant),
-            ("incoherent", &self.incoherent),
-        ] {
-            check_length(name, rows.len(), angles, "angles")?;
-            for (i, row) in rows.iter().enumerate() {
-                check_length(&format!("{name}[{i}]"), row.len(), bands, "bands")?;
-                check_values(&format!("{name}[{i}]"), row)?;
-            }
-        }
-        for (name, rows) in
-            [("modulation_rgb", &self.modulation_rgb), ("illuminant_rgb", &self.illuminant_rgb)]
-        {
-            check_length(name, rows.len(), angles, "angles")?;
-            for (i, rgb) in rows.iter().enumerate() {
-                check_values(&format!("{name}[{i}]"), rgb)?;
-            }
+        if let Some(Illuminant { theta_deg, emission, emission_rgb }) = &self.illuminant {
+            check_angles("illuminant.theta_deg", theta_deg)?;
+            check_rows("illuminant.emission", emission, theta_deg.len(), bands)?;
+            check_rows("illuminant.emission_rgb", emission_rgb, theta_deg.len(), 3)?;
         }
         Ok(())
     }
+}
+
+fn check_angles(name: &str, theta_deg: &[f64]) -> Result<(), Flaw> {
+    check_axis(name, theta_deg, 2, |t| (0.0..=90.0).contains(&t), "an angle from 0 to 90")?;
+    let (first, last) = (theta_deg[0], theta_deg[theta_deg.len() - 1]);
+    if first == 0.0 && last == 90.0 {
+        return Ok(());
+    }
+    Err(Flaw::new(name, format!("runs from {first} to {last}, expected 0 to 90")))
+}
+
+fn check_rows<R: AsRef<[f64]>>(name: &str, rows: &[R], angles: usize, bands: usize) -> Result<(), Flaw> {
+    check_length(name, rows.len(), angles, "angles")?;
+    for (i, row) in rows.iter().enumerate() {
+        check_length(&format!("{name}[{i}]"), row.as_ref().len(), bands, "bands")?;
+        check_values(&format!("{name}[{i}]"), row.as_ref())?;
+    }
+    Ok(())
 }
 
 fn check_axis(
@@ -172,33 +200,47 @@ mod tests {
         let rows = vec![vec![1.0 / 3.0, 0.5], vec![1.25, 2.0]];
         Spectra {
             wavelength_nm: vec![450.0, 650.0],
-            theta_deg: vec![0.0, 90.0],
-            modulation: rows.clone(),
-            illuminant: rows.clone(),
-            incoherent: rows,
-            modulation_rgb: vec![[0.1, 0.2, 0.3]; 2],
-            illuminant_rgb: vec![[1.0; 3]; 2],
+            coherent: Some(Coherent {
+                theta_deg: vec![0.0, 90.0],
+                modulation: rows.clone(),
+                modulation_rgb: vec![[0.1, 0.2, 0.3]; 2],
+                incoherent: vec![0.4, 1.0],
+            }),
+            illuminant: Some(Illuminant {
+                theta_deg: vec![0.0, 90.0],
+                emission: rows,
+                emission_rgb: vec![[1.0; 3]; 2],
+            }),
         }
+    }
+
+    fn coherent(spectra: &mut Spectra) -> &mut Coherent {
+        spectra.coherent.as_mut().unwrap()
+    }
+
+    fn illuminant(spectra: &mut Spectra) -> &mut Illuminant {
+        spectra.illuminant.as_mut().unwrap()
     }
 
     #[test]
     fn numbers_keep_seven_digits() {
-        assert_eq!(spectra().rounded().modulation[0][0], 0.3333333);
+        assert_eq!(coherent(&mut spectra().rounded()).modulation[0][0], 0.3333333);
         assert_eq!(seven_digits(0.0), 0.0);
     }
 
     #[test]
     fn every_flaw_is_refused_with_its_field() {
         #[allow(clippy::type_complexity)] // a list of named breakages
-        let breaks: [(&str, fn(&mut Spectra)); 8] = [
+        let breaks: [(&str, fn(&mut Spectra)); 9] = [
             ("wavelength_nm", |s| s.wavelength_nm.clear()),
             ("wavelength_nm[1]", |s| s.wavelength_nm[1] = 450.0),
-            ("theta_deg", |s| s.theta_deg[1] = 89.0),
-            ("modulation", |s| s.modulation.truncate(1)),
-            ("modulation[1]", |s| s.modulation[1].push(0.0)),
-            ("illuminant[0][1]", |s| s.illuminant[0][1] = f64::NAN),
-            ("illuminant_rgb[1][2]", |s| s.illuminant_rgb[1][2] = -1e-3),
-            ("theta_deg", |s| s.theta_deg = vec![0.0; MAX_NODES + 1]),
+            ("coherent.theta_deg", |s| coherent(s).theta_deg[1] = 89.0),
+            ("coherent.modulation", |s| coherent(s).modulation.truncate(1)),
+            ("coherent.modulation[1]", |s| coherent(s).modulation[1].push(0.0)),
+            ("coherent.incoherent", |s| coherent(s).incoherent.clear()),
+            ("illuminant.emission[0][1]", |s| illuminant(s).emission[0][1] = f64::NAN),
+            ("illuminant.emission_rgb[1][2]", |s| illuminant(s).emission_rgb[1][2] = -1e-3),
+            ("illuminant.theta_deg", |s| illuminant(s).theta_deg = vec![0.0; MAX_NODES + 1]),
         ];
         assert_eq!(spectra().validate(), Ok(()));
         for (field, damage) in breaks {

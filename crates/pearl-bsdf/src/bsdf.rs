@@ -96,21 +96,14 @@ impl PearlBsdf {
         controls.check()?;
         table.validate()?;
         let spectra = Spectra::of(&table.meta)?;
-        if spectra.is_none() {
-            for (control, value) in [("depth", controls.depth), ("coherence", controls.coherence)] {
-                if value > 0.0 {
-                    return Err(BsdfError::NoSpectra { control, value });
-                }
-            }
-        }
+        controls.check_against(&table.meta, spectra.as_ref())?;
         let facets = Facets::new(&table.meta.surface_model);
         let lobe = Interpolant::new(table);
         let tabulated = Tabulated::new(&lobe);
         let rules = Rules::new();
         let half_angles = (0..TALLIES).map(|degree| tally_half_angles(&facets, &rules, &tabulated, degree));
         let half_angles: HalfAngles = half_angles.collect();
-        let palette =
-            spectra.as_ref().map_or_else(|| Palette::plain(&controls), |s| Palette::rgb(s, &controls));
+        let palette = Palette::rgb(spectra.as_ref(), &controls);
         let rgb = Colours::new(&palette, &controls, &lobe, &half_angles);
         let wavelength_nm = spectra.as_ref().map_or_else(Vec::new, |s| s.wavelength_nm.clone());
         let bands = spectra.iter().flat_map(|spectra| {

@@ -49,18 +49,15 @@ pub(crate) struct Palette {
 }
 
 impl Palette {
-    /// Without interference colours.
-    pub(crate) fn plain(controls: &Controls) -> Self {
-        let one = || [0; 3].map(|_| Monotone::new(vec![0.0], vec![1.0]));
-        Self { modulation: one(), illuminant: one(), body: controls.body_rgb, tint: controls.tint_rgb }
-    }
-
-    pub(crate) fn rgb(spectra: &Spectra, controls: &Controls) -> Self {
-        let curve =
-            |rows: &[[f64; 3]], c: usize| angle_curve(spectra, rows.iter().map(|rgb| rgb[c]).collect());
+    /// Without interference colours, or in the RGB of those that there are.
+    pub(crate) fn rgb(spectra: Option<&Spectra>, controls: &Controls) -> Self {
+        let coherent = spectra.and_then(|s| s.coherent.as_ref());
+        let illuminant = spectra.and_then(|s| s.illuminant.as_ref());
         Self {
-            modulation: [0, 1, 2].map(|c| curve(&spectra.modulation_rgb, c)),
-            illuminant: [0, 1, 2].map(|c| curve(&spectra.illuminant_rgb, c)),
+            modulation: [0, 1, 2]
+                .map(|c| angle_curve(coherent.map(|s| (&s.theta_deg, &s.modulation_rgb)), |row| row[c])),
+            illuminant: [0, 1, 2]
+                .map(|c| angle_curve(illuminant.map(|s| (&s.theta_deg, &s.emission_rgb)), |row| row[c])),
             body: controls.body_rgb,
             tint: controls.tint_rgb,
         }
@@ -69,20 +66,26 @@ impl Palette {
     /// Bands 3g, 3g + 1, 3g + 2; the last band stands in for those beyond it.
     pub(crate) fn bands(spectra: &Spectra, controls: &Controls, group: usize) -> Self {
         let band = |c: usize| (3 * group + c).min(spectra.wavelength_nm.len() - 1);
-        let curve =
-            |rows: &[Vec<f64>], c: usize| angle_curve(spectra, rows.iter().map(|row| row[band(c)]).collect());
+        let (coherent, illuminant) = (spectra.coherent.as_ref(), spectra.illuminant.as_ref());
         let at = |rgb: [f64; 3], c: usize| reflectance(rgb, spectra.wavelength_nm[band(c)]);
         Self {
-            modulation: [0, 1, 2].map(|c| curve(&spectra.modulation, c)),
-            illuminant: [0, 1, 2].map(|c| curve(&spectra.illuminant, c)),
+            modulation: [0, 1, 2]
+                .map(|c| angle_curve(coherent.map(|s| (&s.theta_deg, &s.modulation)), |row| row[band(c)])),
+            illuminant: [0, 1, 2]
+                .map(|c| angle_curve(illuminant.map(|s| (&s.theta_deg, &s.emission)), |row| row[band(c)])),
             body: [0, 1, 2].map(|c| at(controls.body_rgb, c)),
             tint: [0, 1, 2].map(|c| at(controls.tint_rgb, c)),
         }
     }
 }
 
-fn angle_curve(spectra: &Spectra, values: Vec<f64>) -> Monotone {
-    Monotone::new(spectra.theta_deg.iter().map(|theta| theta.to_radians()).collect(), values)
+/// One channel over the stored angles; 1 where the table has no such colour.
+fn angle_curve<R>(stored: Option<(&Vec<f64>, &Vec<R>)>, channel: impl Fn(&R) -> f64) -> Monotone {
+    let Some((theta_deg, rows)) = stored else { return Monotone::new(vec![0.0], vec![1.0]) };
+    Monotone::new(
+        theta_deg.iter().map(|theta| theta.to_radians()).collect(),
+        rows.iter().map(channel).collect(),
+    )
 }
 
 /// Spectral reflectance of a linear sRGB colour: red above 580 nm, green 490 to 580 nm, blue below, joined by

@@ -1,5 +1,6 @@
 //! What an artist sets.
 
+use lut_io::spectra::{self, Spectra};
 use lut_io::table::Meta;
 
 /// The artist's controls; colours are linear sRGB.
@@ -85,14 +86,18 @@ pub enum BsdfError {
     },
     /// A control asks for a part that the table does not have.
     #[error(
-        "{control}: is {value}, but the table has no section `spectra` (interference colours), which this version of \
-         bake-brdf does not compute yet: set {control} to 0"
+        "{control}: is {value}, but the table has no {effect} colours{reason}: make it with \
+         `bake-brdf RECIPE -o FILE` from a recipe whose look.{control} is above 0, or set {control} to 0"
     )]
     NoSpectra {
         /// Name of the control.
         control: &'static str,
         /// Value found.
         value: f64,
+        /// Effect that was not baked: `coherent` or `illuminant`.
+        effect: &'static str,
+        /// Why the bake left it out, in brackets, or empty.
+        reason: String,
     },
     /// The table itself is not valid.
     #[error(transparent)]
@@ -100,8 +105,8 @@ pub enum BsdfError {
 }
 
 impl Controls {
-    /// The controls of the recipe in the table, defaults where it says nothing. Depth and coherence are 0 for a table
-    /// without interference colours (section `spectra`).
+    /// The controls of the recipe in the table, defaults where it says nothing. Depth is 0 for a table
+    /// without illuminant colours, coherence for one without coherent ones (section `spectra`).
     #[must_use]
     pub fn of(meta: &Meta) -> Self {
         let look = &meta.recipe["look"];
@@ -113,11 +118,32 @@ impl Controls {
         for (c, channel) in controls.body_rgb.iter_mut().enumerate() {
             *channel = look["body_rgb"][c].as_f64().unwrap_or(*channel);
         }
-        if !meta.extra.contains_key("spectra") {
+        let has =
+            |part: &str| meta.extra.get(spectra::KEY).is_some_and(|spectra| spectra.get(part).is_some());
+        if !has("illuminant") {
             controls.depth = 0.0;
+        }
+        if !has("coherent") {
             controls.coherence = 0.0;
         }
         controls
+    }
+
+    /// Checks that the table has the colours that the controls ask for.
+    pub(crate) fn check_against(&self, meta: &Meta, spectra: Option<&Spectra>) -> Result<(), BsdfError> {
+        let has_coherent = spectra.is_some_and(|s| s.coherent.is_some());
+        let has_illuminant = spectra.is_some_and(|s| s.illuminant.is_some());
+        for (control, value, effect, has) in [
+            ("depth", self.depth, "illuminant", has_illuminant),
+            ("coherence", self.coherence, "coherent", has_coherent),
+        ] {
+            if value > 0.0 && !has {
+                let why = meta.extra.get("spectra_missing").and_then(|missing| missing[effect].as_str());
+                let reason = why.map_or_else(String::new, |why| format!(" ({why})"));
+                return Err(BsdfError::NoSpectra { control, value, effect, reason });
+            }
+        }
+        Ok(())
     }
 
     /// Checks every range.

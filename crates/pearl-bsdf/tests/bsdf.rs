@@ -6,7 +6,7 @@
 mod specimen;
 
 use lut_io::lobe::Interpolant;
-use lut_io::spectra::Spectra;
+use lut_io::spectra::{Coherent, Illuminant, Spectra};
 use lut_io::table::{Component, Table};
 use pearl_bsdf::{BsdfError, Components, Controls, Direction, PearlBsdf};
 use rand::rngs::StdRng;
@@ -36,15 +36,15 @@ fn with_spectra(mut table: Table) -> Table {
     };
     let modulation = |t: f64, k: f64| most(t) * 0.5 * (1.0 + wave(t, k));
     let illuminant = |t: f64, k: f64| 1.0 + wave(0.7 * t, k + 0.3);
-    let spectra = Spectra {
+    let coherent = Coherent {
         modulation: rows(&modulation),
-        illuminant: rows(&illuminant),
-        incoherent: rows(&|t, _| 1.0 / most(t)),
         modulation_rgb: rgb(&modulation),
-        illuminant_rgb: rgb(&illuminant),
-        wavelength_nm,
-        theta_deg,
+        incoherent: theta_deg.iter().map(|t| 1.0 / most(*t)).collect(),
+        theta_deg: theta_deg.clone(),
     };
+    let emission = (rows(&illuminant), rgb(&illuminant));
+    let illuminant = Illuminant { emission: emission.0, emission_rgb: emission.1, theta_deg };
+    let spectra = Spectra { wavelength_nm, coherent: Some(coherent), illuminant: Some(illuminant) };
     spectra.store(&mut table.meta).unwrap();
     table
 }

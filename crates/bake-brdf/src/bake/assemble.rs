@@ -3,7 +3,6 @@
 use super::halfway::{self, Halfway, Row};
 use super::{Request, SolverChoice, Target, content_hash};
 use crate::bake::sampling::Sampling;
-use crate::effects::{Effect, EffectSet};
 use crate::recipe::Recipe;
 use crate::tally::CellShares;
 use lut_io::axis::{ExitAxis, Stretched};
@@ -300,18 +299,13 @@ fn meta(
                 Normals::Visible => "visible".to_owned(),
             },
         },
-        effects: held(request),
+        // Set when the colours are in.
+        effects: Vec::new(),
         per_incidence,
         extra: [("content_hash".to_owned(), serde_json::Value::String(content_hash(request, by)))]
             .into_iter()
             .collect(),
     }
-}
-
-/// Names of the effects that a table of this request holds: interference colours only once they are stored.
-fn held(request: &Request) -> Vec<String> {
-    let colours = [Effect::Coherent, Effect::Illuminant, Effect::Irregularity];
-    colours.into_iter().fold(request.effects, EffectSet::without).names()
 }
 
 /// w of the decay postulate: the recipe's, or the standard deviation of the plane lobe at this θi.

@@ -8,6 +8,7 @@ pub mod snapshot;
 
 use crate::effects::{Decisions, Effect, EffectSet, View};
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
+use crate::spectra::{self, Colours, Wanted};
 use crate::tally::Tally;
 use lut_io::axis::{ExitAxis, MAX_WIDTH};
 use lut_io::table::Table;
@@ -65,6 +66,8 @@ pub struct Request {
     pub recipe: Recipe,
     /// What of it is baked.
     pub effects: EffectSet,
+    /// Whether the effects were listed by name: then one that this stack cannot have is an error.
+    pub listed: bool,
     /// Angles of incidence, degrees, ascending, within [0, 90].
     pub incident_deg: Vec<f64>,
     /// When to stop.
@@ -230,6 +233,12 @@ impl Request {
         self.incident_deg.iter().map(|angle| angle.to_radians()).collect()
     }
 
+    /// The interference colours that the effects call for.
+    pub(crate) fn colours(&self) -> Result<Colours, BakeError> {
+        let wanted = Wanted::by_effects(self.effects, self.listed);
+        spectra::of(&self.recipe, wanted).map_err(|why| BakeError::Input(why.to_string()))
+    }
+
     pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
         self.check()?;
         let transport = self.transport()?;
@@ -299,7 +308,7 @@ fn lobeless(request: &Request) -> Result<Table, BakeError> {
 /// A request for paths or time, or a problem out of the solver's reach; the message says what would do.
 pub fn doubling(request: &Request) -> Result<Table, BakeError> {
     if !request.effects.has_lobe() {
-        return lobeless(request);
+        return coloured(request, lobeless(request)?, &request.colours()?);
     }
     request.check()?;
     let Target::AccuracyPercent(percent) = request.target else {
@@ -307,13 +316,16 @@ pub fn doubling(request: &Request) -> Result<Table, BakeError> {
     };
     let transport = request.transport()?;
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    // Before the lobe, so that a refusal comes before the work.
+    let colours = request.colours()?;
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
     let mut theta_i = request.theta_i();
     let intervals = halfway::intervals(&theta_i);
     theta_i.extend(halfway::middles(&theta_i, &intervals));
     let solution = doubling::solve_to(&transport, request.geometry(), &theta_i, share, false)
         .map_err(|why| BakeError::Input(format!("solver doubling: {why}")))?;
-    Ok(assemble::doubling_table(request, &transport, &axis, &solution, &intervals))
+    let table = assemble::doubling_table(request, &transport, &axis, &solution, &intervals);
+    coloured(request, table, &colours)
 }
 
 /// Which solver is cheaper for a request, and why in one sentence.
@@ -353,15 +365,29 @@ pub fn walk(
     resume: Option<Snapshot>,
 ) -> Result<Table, BakeError> {
     if !request.effects.has_lobe() {
-        return lobeless(request);
+        return coloured(request, lobeless(request)?, &request.colours()?);
     }
     let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    // Before the lobe, so that a refusal comes before the work.
+    let colours = request.colours()?;
     let result = walk_target(request, &mut sampling, observer, resume);
     if let (Err(BakeError::Interrupted), Some(checkpoint)) = (&result, &observer.checkpoint) {
         (checkpoint.keep)(&sampling.state());
     }
     result?;
-    Ok(assemble::walk_table(request, &transport, &axis, &sampling))
+    coloured(request, assemble::walk_table(request, &transport, &axis, &sampling), &colours)
+}
+
+/// Adds the colours; thicknesses matter to nothing else, so that irregularity is held if a colour is.
+fn coloured(request: &Request, mut table: Table, colours: &Colours) -> Result<Table, BakeError> {
+    colours.store(&mut table.meta).map_err(|flaw| BakeError::Input(flaw.to_string()))?;
+    let held = |effect: Effect| match effect {
+        Effect::Coherent | Effect::Illuminant => colours.effects().contains(effect),
+        Effect::Irregularity => colours.effects() != EffectSet::NONE,
+        _ => true,
+    };
+    table.meta.effects = request.effects.iter().filter(|effect| held(*effect)).collect::<EffectSet>().names();
+    Ok(table)
 }
 
 fn walk_target(

@@ -96,6 +96,8 @@ impl Snapshot {
         Ok(Request {
             recipe,
             effects: self.effects.iter().map(effect).collect::<Result<_, _>>()?,
+            // A shard whose colours were required has shown that they can be had.
+            listed: false,
             incident_deg: self.incident_deg.clone(),
             target: self.target,
             seed: self.seed,
@@ -229,7 +231,11 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
     }
     let idle = Observer::idle();
     sampling.resume(state, &idle)?;
-    Ok(assemble::walk_table(&request, &transport, &axis, &sampling))
+    super::coloured(
+        &request,
+        assemble::walk_table(&request, &transport, &axis, &sampling),
+        &request.colours()?,
+    )
 }
 
 /// Walks one shard of a bake and gives its snapshot.
@@ -254,6 +260,10 @@ pub fn walk_shard(request: &Request, shard: Shard, observer: &Observer<'_>) -> R
             "shard: {index}/{count} is out of range; expected 1/{count} to {count}/{count}"
         )));
     }
+    if request.listed {
+        // Refused here or not at all: what is merged has no one to refuse it to.
+        request.colours()?;
+    }
     let (mut sampling, _, _): (Sampling, _, _) = request.sampling(shard)?;
     sampling.walk_to_paths(paths, observer)?;
     Ok(Snapshot::new(request, shard, sampling.state()))
@@ -269,6 +279,7 @@ mod tests {
         Request {
             effects: super::super::effects_of(&recipe),
             recipe,
+            listed: false,
             incident_deg: vec![0.0, 40.0, 80.0],
             target: Target::Paths(paths),
             seed: 3,

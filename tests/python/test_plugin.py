@@ -1,0 +1,528 @@
+"""The Mitsuba plugin `pearl` against the Rust evaluator, against Mitsuba's own tests, and against bad input.
+
+NACRE_FULL=1 runs all of it (every scalar variant on all pairs, chi² at every angle for every component): minutes. The
+tools are found through NACRE_BIN, else in target/release.
+"""
+
+import json
+import os
+import pathlib
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
+FULL = os.environ.get("NACRE_FULL", "") not in ("", "0")
+sys.path.insert(0, str(ROOT / "tools" / "mitsuba"))
+
+dr = pytest.importorskip("drjit")
+mi = pytest.importorskip("mitsuba")
+import pearl_mitsuba  # noqa: E402, F401  (before any variant is set: it registers itself when one is)
+
+VARIANTS = [name for name in mi.variants() if name.startswith(("llvm", "scalar"))]
+PAIRS = 20_000
+GREY = [0.7, 0.7, 0.7]
+
+
+def llvm_missing():
+    """Why LLVM variants cannot run here, or None."""
+    try:
+        dr.eval(dr.llvm.Float(1.0) + 1.0)
+    except Exception as error:  # whatever Dr.Jit raises, its text is the reason
+        return f"LLVM variants of Mitsuba are NOT TESTED: {str(error).strip()}"
+    return None
+
+
+LLVM_MISSING = llvm_missing()
+
+
+def use(variant):
+    if variant.startswith("llvm") and LLVM_MISSING:
+        print(f"\n{LLVM_MISSING}", file=sys.__stderr__)
+        pytest.skip(LLVM_MISSING)
+    mi.set_variant(variant)
+
+
+def run(tool, *args):
+    done = subprocess.run([BIN / tool, *map(str, args)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("plugin")
+
+
+@pytest.fixture(scope="module")
+def tables(folder):
+    """One table a kind; irregular incidences that do not reach 0 or 90° in the third."""
+    paths = {}
+    for name, args in {
+        "decay": ["--accuracy", 0.5],
+        "walk": ["--azimuth", "walk", "--accuracy", 1],
+        "sparse": ["--accuracy", 1, "--incident-deg", "3,10,20,45,60,70,80,86"],
+    }.items():
+        paths[name] = folder / f"{name}.exr"
+        run("bake-brdf", "--solver", "doubling", "-q", "-o", paths[name], *args)
+    return paths
+
+
+def lengths(v):
+    return np.linalg.norm(v, axis=1, keepdims=True)
+
+
+def random_pairs(count, seed=5):
+    """Pairs up to 89.9°, in single precision: half of them anywhere, half around the mirror direction."""
+    random = np.random.default_rng(seed)
+    horizon = np.cos(np.radians(89.9))
+
+    def anywhere(n):
+        z = random.uniform(horizon, 1.0, n)
+        phi = random.uniform(0.0, 2.0 * np.pi, n)
+        sin = np.sqrt(1.0 - z * z)
+        return np.stack([sin * np.cos(phi), sin * np.sin(phi), z], axis=1)
+
+    wi, wo = anywhere(count), anywhere(count)
+    half = count // 2
+    facet = np.stack([random.normal(0, 0.05, half), random.normal(0, 0.05, half), np.ones(half)], axis=1)
+    facet /= lengths(facet)
+    mirrored = 2.0 * (wi[:half] * facet).sum(axis=1, keepdims=True) * facet - wi[:half]
+    mirrored[:, 2] = np.maximum(np.abs(mirrored[:, 2]), horizon)
+    wo[:half] = mirrored / lengths(mirrored)
+    return wi.astype(np.float32), wo.astype(np.float32)
+
+
+def rust(table, wi, wo, *args):
+    """What `pearl eval` says: rgb [n, 3], pdf [n], and rgb by component."""
+    lines = "\n".join(json.dumps({"wi": a, "wo": b}) for a, b in zip(wi.astype(float).tolist(), wo.astype(float).tolist()))
+    done = subprocess.run(
+        [BIN / "pearl", "eval", table, "--input", "-", *args], input=lines, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    parts = {name: np.array([f["components"][name] for f in found]) for name in found[0]["components"]}
+    return np.array([f["rgb"] for f in found]), np.array([f["pdf"] for f in found]), parts
+
+
+def load(table, **parameters):
+    return mi.load_dict({"type": "pearl", "filename": str(table), **parameters})
+
+
+def rgb(value):
+    return {"type": "rgb", "value": value}
+
+
+def interaction(wi, wavelengths=None):
+    si = dr.zeros(mi.SurfaceInteraction3f, len(wi))
+    si.wi = mi.Vector3f(wi.T)
+    if "spectral" in mi.variant():
+        si.wavelengths = wavelengths or [450.0, 510.0, 570.0, 640.0]
+    return si
+
+
+def intensity(value):
+    """An evaluation as [n, channel]; of a Mueller matrix its first entry."""
+    value = np.array(value)
+    if "polarized" in mi.variant():
+        value = value[0, 0]
+    return value.reshape(value.shape[0], -1).T
+
+
+def plugin(bsdf, wi, wo, mode=None):
+    """Values [n, channel] and densities [n] of the plugin, in whatever variant is active."""
+    ctx = mi.BSDFContext(mi.TransportMode.Radiance if mode is None else mode)
+    if mi.variant().startswith("llvm"):
+        value, pdf = bsdf.eval_pdf(ctx, interaction(wi), mi.Vector3f(wo.T))
+        return intensity(value), np.array(pdf)
+    values, pdfs = [], []
+    si = mi.SurfaceInteraction3f()
+    if "spectral" in mi.variant():
+        si.wavelengths = [450.0, 510.0, 570.0, 640.0]
+    for a, b in zip(wi.astype(float).tolist(), wo.astype(float).tolist()):
+        si.wi = a
+        value, pdf = bsdf.eval_pdf(ctx, si, b)
+        value = np.array(value)
+        values.append(value[0, 0] if "polarized" in mi.variant() else value)
+        pdfs.append(pdf)
+    return np.array(values), np.array(pdfs)
+
+
+def assert_close(found, expected, what):
+    """Relative difference ≤ 1e-4 wherever the value is above 1e-3 of its peak (the requirement); 2e-6 is usual."""
+    above = expected > 1e-3 * expected.max()
+    assert above.sum() > 0.01 * expected.size, what
+    worst = np.abs(found[above] / expected[above] - 1.0).max()
+    assert worst <= 1e-4, f"{what}: {worst:g}"
+
+
+def assert_close_densities(found, expected, wo, table, what):
+    """Around the normal the plugin spreads what it samples evenly (lobes.py); elsewhere its density is Rust's."""
+    cap = min(json.loads(run("lut", "info", table, "--json"))["exit_axis"]["width"], 0.1)
+    outside = np.hypot(wo[:, 0], wo[:, 1]) > 1.001 * np.sin(cap)
+    assert_close(found[outside], expected[outside], what)
+
+
+@pytest.fixture(scope="module")
+def reference(tables):
+    """Pairs and what Rust says of them, for a grey body: its value is the same at every wavelength."""
+    wi, wo = random_pairs(PAIRS)
+    return {name: (wi, wo, *rust(path, wi, wo, "--body-rgb", "0.7,0.7,0.7")) for name, path in tables.items()}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("kind", ["decay", "walk", "sparse"])
+def test_values_are_those_of_the_rust_evaluator(variant, kind, tables, reference):
+    use(variant)
+    wi, wo, values, densities, _ = reference[kind]
+    # Scalar variants run through Python pair by pair.
+    step = 1 if variant.startswith("llvm") or FULL else 20
+    if variant.startswith("scalar") and kind == "sparse" and not FULL:
+        step = 40
+    bsdf = load(tables[kind], body_color=rgb(GREY))
+    found, pdf = plugin(bsdf, wi[::step], wo[::step])
+    expected = values[::step].mean(axis=1)
+    for channel in found.T:
+        assert_close(channel, expected, variant)
+    assert_close_densities(pdf, densities[::step], wo[::step], tables[kind], f"{variant} pdf")
+
+
+def test_every_component_is_that_of_the_rust_evaluator(tables, reference):
+    use("llvm_ad_rgb")
+    wi, wo, values, _, parts = reference["decay"]
+    total = 0.0
+    for name, expected in parts.items():
+        found, _ = plugin(load(tables["decay"], components=name, body_color=rgb(GREY)), wi, wo)
+        total = total + found
+        if expected.max() > 0.0:
+            assert_close(found, expected, name)
+        else:
+            assert not found.any(), name
+    assert_close(total, values, "sum of the components")
+
+
+def test_controls_do_what_they_do_in_rust(tables):
+    use("llvm_ad_rgb")
+    wi, wo = random_pairs(3000, seed=6)
+    for brightness, body in ((0.25, [0.9, 0.3, 0.05]), (0.0, [1.0, 1.0, 1.0]), (1.0, [0.0, 0.5, 1.0])):
+        args = ["--brightness", str(brightness), "--body-rgb", ",".join(map(str, body))]
+        expected, densities, _ = rust(tables["decay"], wi, wo, *args)
+        found, pdf = plugin(load(tables["decay"], brightness=brightness, body_color=rgb(body)), wi, wo)
+        assert_close(found, expected, args)
+        assert_close_densities(pdf, densities, wo, tables["decay"], args)
+
+
+def test_nothing_is_reflected_below_the_horizon(tables):
+    use("llvm_ad_rgb")
+    bsdf = load(tables["decay"])
+    up, down = np.array([[0.6, 0.0, 0.8]], np.float32), np.array([[0.6, 0.0, -0.8]], np.float32)
+    for wi, wo in ((up, down), (down, up), (down, down)):
+        value, pdf = plugin(bsdf, wi, wo)
+        assert not value.any() and not pdf.any()
+    sample, weight = bsdf.sample(mi.BSDFContext(), interaction(down), mi.Float(0.3), mi.Point2f(0.2, 0.7))
+    assert not np.array(weight).any() and not np.array(sample.pdf).any()
+
+
+# chi², by Mitsuba's own test. 1 % for the whole family of tests (Šidák), so a correct sampler fails one run in a hundred
+# seeds; the seeds are fixed. The density is integrated over a cell by 128² points: fewer reject correct narrow lobes.
+
+ANGLES = [0, 5, 30, 60, 80, 85, 89]
+SHOWN = ["all", "diffuse", "mirror", "blur"]
+QUICK = [("decay", "all", 85), ("decay", "blur", 0), ("walk", "blur", 30), ("walk", "mirror", 60)]
+CHI2 = [(kind, shown, angle) for kind in ("decay", "walk") for shown in SHOWN for angle in ANGLES]
+
+
+@pytest.mark.parametrize("kind,shown,angle", CHI2 if FULL else QUICK)
+def test_samples_follow_their_density(kind, shown, angle, tables):
+    use("llvm_ad_rgb")
+    from mitsuba.chi2 import BSDFAdapter, ChiSquareTest, SphericalDomain
+
+    theta = np.radians(angle)
+    sample, pdf = BSDFAdapter(
+        "pearl",
+        {"type": "pearl", "filename": str(tables[kind]), "components": shown},
+        wi=[float(np.sin(theta)), 0.0, float(np.cos(theta))],
+    )
+    # The mirror lobe of walk tables at 89° is narrower in φ than 128 points a cell resolve.
+    ires = 256 if (kind, shown, angle) == ("walk", "mirror", 89) else 128 if FULL or angle == 85 else 64
+    test = ChiSquareTest(SphericalDomain(), sample, pdf, sample_dim=3, sample_count=1_000_000, res=64, ires=ires)
+    assert test.run(significance_level=0.01, test_count=len(CHI2), quiet=True), test.messages
+
+
+@pytest.mark.parametrize("kind", ["decay", "walk"])
+def test_weights_are_bounded_and_mean_the_albedo(kind, tables):
+    use("llvm_ad_rgb")
+    bsdf = load(tables[kind], body_color=rgb(GREY))
+    n = 200_000
+    random = np.random.default_rng(3)
+    furnace = json.loads(run("pearl", "furnace", tables[kind], "--body-rgb", "0.7,0.7,0.7", "--steps", 90, "--json"))
+    for angle in (0, 30, 60, 80, 85, 89):
+        theta = np.radians(angle)
+        wi = np.tile(np.array([[np.sin(theta), 0.0, np.cos(theta)]], np.float32), (n, 1))
+        u = random.random((3, n), dtype=np.float32)
+        sample, weight = bsdf.sample(mi.BSDFContext(), interaction(wi), mi.Float(u[0]), mi.Point2f(u[1:]))
+        weight, wo = np.array(weight)[0], np.array(sample.wo)
+        assert np.isfinite(weight).all() and (wo[2] > 0).all()
+        # Docs: eval/pdf ≤ 2 for all components together.
+        assert weight.max() <= 2.0, (angle, weight.max())
+        expected = albedo_of(furnace, angle)
+        # Four standard errors: 1 in 16,000 a draw, and the seed is fixed.
+        assert abs(weight.mean() - expected) < 4 * weight.std() / np.sqrt(n), (angle, weight.mean(), expected)
+
+
+def albedo_of(furnace, angle):
+    """Directional albedo that `pearl furnace` printed for an angle, first channel."""
+    rows = furnace["per_incidence"]
+    row = min(rows, key=lambda row: abs(row["theta_i_deg"] - angle))
+    assert abs(row["theta_i_deg"] - angle) < 1e-6, row
+    return row["albedo"][0]
+
+
+# Scenes, variants, parameters.
+
+
+def sphere(table, **parameters):
+    return {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 3},
+        "sensor": {
+            "type": "perspective", "fov": 40,
+            "to_world": mi.ScalarTransform4f().look_at([0, -4, 1], [0, 0, 0], [0, 0, 1]),
+            "film": {"type": "hdrfilm", "width": 24, "height": 24},
+        },
+        "light": {"type": "constant"},
+        "pearl": {"type": "sphere", "bsdf": {"type": "pearl", "filename": str(table), **parameters}},
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_sphere_under_a_white_sky_never_shines(variant, tables):
+    use(variant)
+    scene = mi.load_dict(sphere(tables["decay"], body_color=rgb([1.0, 1.0, 1.0])))
+    spp = 64 if variant.startswith("llvm") else 1
+    image = np.array(mi.render(scene, spp=spp, seed=1))[:, :, :1]
+    middle = image[8:16, 8:16]
+    assert np.isfinite(image).all()
+    # A white body gives back all that the lobes leave: the mean of the middle of the sphere is 1 within the noise of
+    # a weight below 2, 64 pixels of spp samples (four standard errors).
+    if variant.startswith("llvm"):
+        assert abs(middle.mean() - 1.0) < 4.0 / np.sqrt(64 * spp)
+    else:
+        assert 0.5 < middle.mean() < 1.5
+
+
+def test_xml_and_dictionary_make_the_same_plugin(tables):
+    use("llvm_ad_rgb")
+    wi, wo = random_pairs(1000)
+    made = load(tables["decay"], brightness=0.5, body_color=rgb([0.2, 0.4, 0.6]), components="diffuse, blur")
+    read = mi.load_string(
+        f"""<bsdf version="3.0.0" type="pearl">
+              <string name="filename" value="{tables["decay"]}"/>
+              <float name="brightness" value="0.5"/>
+              <rgb name="body_color" value="0.2, 0.4, 0.6"/>
+              <string name="components" value="diffuse, blur"/>
+            </bsdf>"""
+    )
+    np.testing.assert_array_equal(plugin(made, wi, wo)[0], plugin(read, wi, wo)[0])
+
+
+@pytest.mark.parametrize("nesting", ["bumpmap", "normalmap", "twosided"])
+def test_it_nests_in_mitsubas_adapters(nesting, tables):
+    use("llvm_ad_rgb")
+    grain = np.random.default_rng(2).uniform(0.4, 0.6, (32, 32, 3)).astype(np.float32)
+    grain[:, :, 2] = 1.0
+    texture = {"type": "bitmap", "bitmap": mi.Bitmap(grain), "raw": True}
+    textures = {"bumpmap": {"arbitrary": texture}, "normalmap": {"normalmap": texture}, "twosided": {}}
+    inner = {"type": "pearl", "filename": str(tables["decay"])}
+    scene = sphere(tables["decay"])
+    scene["pearl"]["bsdf"] = {"type": nesting, **textures[nesting], "inner": inner}
+    image = np.array(mi.render(mi.load_dict(scene), spp=16, seed=1))
+    plain = np.array(mi.render(mi.load_dict(sphere(tables["decay"])), spp=16, seed=1))
+    assert np.isfinite(image).all()
+    # A light from everywhere hides the grain, but not that the directions differ.
+    assert (nesting == "twosided") == np.allclose(image, plain, rtol=1e-3, atol=1e-3)
+
+
+def test_body_colour_takes_a_texture(tables):
+    use("llvm_ad_rgb")
+    texture = {"type": "checkerboard", "color0": rgb([0.9, 0.1, 0.1]), "color1": rgb([0.1, 0.1, 0.9])}
+    bsdf = load(tables["decay"], body_color=texture)
+    wi, wo = random_pairs(2)
+    si = interaction(wi)
+    si.uv = mi.Point2f([0.1, 0.6], [0.1, 0.1])
+    value = intensity(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(wo.T)))
+    for k, body in enumerate(([0.9, 0.1, 0.1], [0.1, 0.1, 0.9])):
+        expected, _ = plugin(load(tables["decay"], body_color=rgb(body)), wi, wo)
+        np.testing.assert_allclose(value[k], expected[k], rtol=1e-5)
+
+
+def test_it_survives_changes_of_variant(tables):
+    use("llvm_ad_rgb")
+    wi, wo = random_pairs(200)
+    early = load(tables["decay"], body_color=rgb(GREY))
+    before, _ = plugin(early, wi, wo)
+    for variant in ("scalar_spectral", "llvm_ad_spectral", "llvm_ad_rgb"):
+        mi.set_variant(variant)
+        again, _ = plugin(load(tables["decay"], body_color=rgb(GREY)), wi, wo)
+        np.testing.assert_allclose(again[:, 0], before[:, 0], rtol=1e-4, atol=1e-6)
+    np.testing.assert_array_equal(plugin(early, wi, wo)[0], before)
+
+
+def test_it_can_be_imported_before_and_after_a_variant_is_set(tables):
+    for first, second in (("import pearl_mitsuba", "mi.set_variant('scalar_rgb')"),) * 1 + (
+        ("mi.set_variant('scalar_rgb')", "import pearl_mitsuba"),
+    ):
+        code = f"import mitsuba as mi\n{first}\n{second}\nprint(mi.load_dict({{'type': 'pearl', 'filename': {str(tables['sparse'])!r}}}))"
+        env = {**os.environ, "PYTHONPATH": str(ROOT / "tools" / "mitsuba")}
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
+        assert done.returncode == 0 and "Pearl[" in done.stdout, done.stderr
+
+
+def test_scalar_parameters_can_be_set(tables):
+    use("scalar_rgb")
+    wi, wo = random_pairs(20)
+    bsdf = load(tables["sparse"], body_color=rgb(GREY))
+    parameters = mi.traverse(bsdf)
+    parameters["brightness"] = 0.25
+    parameters.update()
+    expected, _ = plugin(load(tables["sparse"], brightness=0.25, body_color=rgb(GREY)), wi, wo)
+    np.testing.assert_allclose(plugin(bsdf, wi, wo)[0], expected, rtol=1e-6)
+
+
+# Derivatives.
+
+
+def set_parameter(bsdf, name, value):
+    parameters = mi.traverse(bsdf)
+    parameters[name] = value
+    parameters.update()
+
+
+def gradient_pairs():
+    """Directions away from the table's kinks in wi would not be random; these are."""
+    wi, wo = random_pairs(4000, seed=9)
+    return interaction(wi), mi.Vector3f(wo.T)
+
+
+def loss(bsdf, si, wo):
+    return dr.mean(dr.sum(bsdf.eval(mi.BSDFContext(), si, wo)))
+
+
+def scalar_loss(bsdf, si, wo):
+    """The same summed in double precision, for finite differences."""
+    return float(np.array(bsdf.eval(mi.BSDFContext(), si, wo)).astype(float).sum(axis=0).mean())
+
+
+def check_gradient(bsdf, name, value_of, at, step):
+    """AD against a central difference of the parameter moved along one direction."""
+    si, wo = gradient_pairs()
+    x = mi.Float(0.0)
+    dr.enable_grad(x)
+    set_parameter(bsdf, name, value_of(at, x))
+    dr.forward(x)  # nothing depends on it yet but the parameter
+    x = mi.Float(0.0)
+    dr.enable_grad(x)
+    set_parameter(bsdf, name, value_of(at, x))
+    y = loss(bsdf, si, wo)
+    dr.backward(y)
+    gradient = dr.grad(x)[0]
+    sides = []
+    for sign in (1.0, -1.0):
+        set_parameter(bsdf, name, value_of(at, mi.Float(sign * step)))
+        sides.append(scalar_loss(bsdf, si, wo))
+    difference = (sides[0] - sides[1]) / (2.0 * step)
+    assert difference != 0.0, name
+    assert abs(gradient / difference - 1.0) < 0.01, (name, gradient, difference)
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral"])
+def test_derivatives_are_those_of_finite_differences(variant, tables):
+    use(variant)
+    bsdf = load(tables["decay"], brightness=0.6, body_color=rgb([0.6, 0.5, 0.4]))
+    check_gradient(bsdf, "brightness", lambda at, x: at + x, 0.6, 0.02)
+    if variant == "llvm_ad_rgb":
+        for channel in range(3):
+            unit = [float(k == channel) for k in range(3)]
+            move = lambda at, x, unit=unit: mi.Color3f(*(a + x * u for a, u in zip(at, unit)))  # noqa: E731
+            check_gradient(bsdf, "body_color.value", move, [0.6, 0.5, 0.4], 0.02)
+    bsdf = load(tables["decay"], body_color=rgb(GREY))
+    lut = mi.TensorXf(mi.traverse(bsdf)["lut"])
+    # The table moved along itself, a smooth share of every cell.
+    share = mi.Float(np.cos(np.arange(lut.array.numpy().size) * 0.01).astype(np.float32))
+    check_gradient(bsdf, "lut", lambda at, x: mi.TensorXf(at * (1.0 + share * x), lut.shape), lut.array, 0.02)
+
+
+# Bad input: one message that names what is wrong and what would be right.
+
+
+def damaged(folder, tables, name, change):
+    """A table whose metadata were changed."""
+    OpenEXR = pytest.importorskip("OpenEXR")
+    path = folder / f"{name}.exr"
+    with OpenEXR.File(str(tables["sparse"]), separate_channels=True) as file:
+        header = dict(file.header())
+        header["pearl"] = change(header["pearl"])
+        if header["pearl"] is None:
+            del header["pearl"]
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+        OpenEXR.File(header, channels).write(str(path))
+    return path
+
+
+def bad_inputs(folder, tables):
+    good = {"filename": str(tables["sparse"])}
+    text = folder / "text.exr"
+    text.write_text("no picture")
+    truncated = folder / "truncated.exr"
+    truncated.write_bytes(tables["sparse"].read_bytes()[:20_000])
+    foreign = damaged(folder, tables, "foreign", lambda text: None)
+    newer = damaged(folder, tables, "newer", lambda text: text.replace("pearl-lut/1", "pearl-lut/2"))
+    torn = damaged(folder, tables, "torn", lambda text: text.replace('"per_incidence"', '"per_incident"'))
+    wider = damaged(folder, tables, "wider", lambda text: re.sub(r'"cells":\d+', '"cells":96000', text))
+    return [
+        ({}, r"filename: is missing.*bake-brdf"),
+        ({"filename": "/nowhere/pearl.exr"}, r"filename: /nowhere/pearl.exr is not a file.*bake-brdf"),
+        ({"filename": str(folder)}, r"is not a file.*bake-brdf"),
+        ({"filename": str(text)}, r"text.exr: cannot be read as OpenEXR.*bake-brdf"),
+        ({"filename": str(truncated)}, r"truncated.exr.*bake"),
+        ({"filename": str(foreign)}, r"no attribute `pearl`.*bake-brdf"),
+        ({"filename": str(newer)}, r"schema is 'pearl-lut/2'"),
+        ({"filename": str(torn)}, r"metadata is damaged.*bake-brdf"),
+        ({"filename": str(wider)}, r"pixels, its metadata say 96000"),
+        ({**good, "depth": 0.5}, r"depth: is 0.5, but .*illuminant.*bake-brdf RECIPE"),
+        ({**good, "coherence": 1}, r"coherence: is 1, but .*coherent.*bake-brdf RECIPE"),
+        ({**good, "brightness": 1.5}, r"brightness: 1.5 is not valid; expected a number from 0 to 1"),
+        ({**good, "brightness": float("nan")}, r"brightness: nan is not valid"),
+        ({**good, "brightness": "high"}, r"brightness: 'high' is not valid"),
+        ({**good, "depth": -0.1}, r"depth: -0.1 is not valid"),
+        ({**good, "tint": rgb([1.0, 2.0, 0.5])}, r"tint\[1\]: 2.0 is not valid"),
+        ({**good, "body_color": rgb([0.5, -0.1, 0.5])}, r"body_color\[1\]: -0.1 is not valid"),
+        ({**good, "components": "blur,shine"}, r"components: 'shine'.*diffuse, incoherent, mirror, blur"),
+        ({**good, "roughness": 0.1}, r"roughness: no such parameter; expected one of filename, depth"),
+    ]
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_spectral"])
+def test_bad_input_is_refused_in_one_message(variant, folder, tables):
+    use(variant)
+    for parameters, message in bad_inputs(folder, tables):
+        with pytest.raises(Exception) as caught:
+            mi.load_dict({"type": "pearl", **parameters})
+        # Mitsuba puts the stack of a Python plugin before its message.
+        text = str(caught.value).strip().splitlines()[-1]
+        assert text.startswith("PearlError: pearl: ") and re.search(message, text), (parameters, text)
+
+
+def test_parameters_set_out_of_range_are_refused(tables):
+    use("llvm_ad_rgb")
+    for name, value, message in (
+        ("brightness", 1.2, "brightness: 1.2"),
+        ("depth", 0.5, "illuminant"),
+        ("tint", mi.Color3f(1, 1, -1), r"tint\[2\]"),
+    ):
+        with pytest.raises(Exception, match=message):
+            set_parameter(load(tables["sparse"]), name, value)

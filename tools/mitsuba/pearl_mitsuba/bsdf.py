@@ -1,0 +1,340 @@
+"""The BSDF plugin `pearl`; docs/PLUGIN.md is its documentation."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from . import controls as parameters
+from . import curves, table
+from .colours import Deriver, NumPy, Palette, chances
+from .lobes import Facets, Pair, Polar, Tabulated
+from .store import Types
+from .table import PearlError
+
+_PI = float(np.pi)
+_INTERIOR, _REHIT, _SURFACE, _BASE = range(4)
+_DIFFUSE, _INCOHERENT, _MIRROR, _BLUR = range(4)
+
+_tables = {}
+
+
+def load_table(filename):
+    """The table of a file, read once as long as the file stays as it is."""
+    path = mi.file_resolver().resolve(str(filename))
+    key = str(path)
+    try:
+        stat = path.stat() if hasattr(path, "stat") else __import__("os").stat(key)
+        stamp = (stat.st_mtime_ns, stat.st_size)
+    except OSError:
+        stamp = None
+    known = _tables.get(key)
+    if known is None or known[0] != stamp or stamp is None:
+        _tables[key] = known = (stamp, table.read(key, mi.Bitmap))
+    return known[1]
+
+
+def bsdf_class():
+    """The BSDF class of the variant that is active now."""
+    types = Types(mi)
+    flags = mi.BSDFFlags
+    return type("Pearl", (_pearl(mi.BSDF),), {"types": types, "flags_enum": flags})
+
+
+def _pearl(base):
+    class Pearl(base):
+        def __init__(self, props):
+            base.__init__(self, props)
+            parameters.check_names(props.keys())
+            if "filename" not in props:
+                raise PearlError(f"pearl: filename: is missing; expected a table, which `{table.BAKE}` bakes")
+            self.table = load_table(props["filename"])
+            controls = parameters.read(props, self.table)
+            self.shown = controls.shown
+            self._set_body(props)
+            self._components()
+            types = self.types
+            number = types.Float if types.jit else dr.scalar.Array1f
+            self.depth, self.brightness = number(controls.depth), number(controls.brightness)
+            self.coherence, self.tint = number(controls.coherence), types.Color3f(controls.tint)
+            self.lut = types.TensorXf(self.table.values)
+            self.tabulated = Tabulated(types, self.table)
+            self.facets = Facets(self.table.facets)
+            self.mirror_scale = types.store(self.table.mirror_scale, 1)
+            kind = "bands" if types.spectral else "mono" if types.mono else "rgb"
+            palette = Palette.of(self.table, kind)
+            self.channels = palette.channels
+            self.derive = Deriver(palette, types if types.jit else NumPy)
+            self.rgb_palette = palette if kind == "rgb" else Palette.of(self.table, "rgb")
+            self._derive()
+
+        def _set_body(self, props):
+            self.body_rgb = None
+            name = "body_color"
+            if name not in props:
+                self.body_rgb = [float(c) for c in parameters.look(self.table).get("body_rgb", [0.8, 0.78, 0.75])]
+                self.body = mi.load_dict({"type": "rgb", "value": self.body_rgb})
+                return
+            kind = mi.Properties.Type
+            if props.type(name) in (kind.Color, kind.Float, kind.Integer, kind.Vector):
+                self.body_rgb = parameters.colour(name, props[name])
+            self.body = props.get_texture(name, 0.5)
+            mean = float(np.ravel(np.array(self.body.mean()))[0])
+            if not 0.0 <= mean <= 1.0 + 1e-6:
+                raise PearlError(f"pearl: {name}: its mean is {mean:g}; expected reflectances from 0 to 1")
+
+        def _components(self):
+            enum = self.flags_enum
+            diffuse = enum.DiffuseReflection | enum.FrontSide
+            if self.body.is_spatially_varying():
+                diffuse = diffuse | enum.SpatiallyVarying
+            glossy = enum.GlossyReflection | enum.FrontSide
+            self.m_components = [diffuse, diffuse, glossy, glossy]
+            self.m_flags = diffuse | glossy
+
+        def traverse(self, callback):
+            differentiable = mi.ParamFlags.Differentiable
+            callback.put("body_color", self.body, differentiable)
+            for name in ("depth", "brightness", "coherence", "tint", "lut"):
+                callback.put(name, getattr(self, name), differentiable)
+
+        def parameters_changed(self, keys=()):
+            keys = set(keys)
+            if any(key.split(".")[0] == "body_color" for key in keys):
+                self.body_rgb = None
+            if not keys or "lut" in keys:
+                values = np.array(dr.detach(self.lut)).reshape(self.table.values.shape)
+                if not np.isfinite(values).all():
+                    raise PearlError("pearl: lut: has a value that is not finite")
+                # What is sampled must be a density.
+                self.tabulated.set_values(np.maximum(values, 0.0), self.lut.array if self.types.jit else values)
+            self._derive()
+
+        def _values(self):
+            """Depth, brightness, coherence and tint as plain numbers."""
+            one = lambda value: float(np.ravel(np.array(dr.detach(value)))[0])  # noqa: E731
+            tint = [float(c) for c in np.ravel(np.array(dr.detach(self.tint)))]
+            return one(self.depth), one(self.brightness), one(self.coherence), tint
+
+        def _derive(self):
+            """Everything that follows from the controls."""
+            types = self.types
+            plain = self._values()
+            for name, value in zip(("depth", "brightness", "coherence"), plain):
+                parameters.number(name, value)
+            parameters.colour("tint", plain[3])
+            parameters.check_parts(self.table, plain[0], plain[2])
+            given = (self.depth, self.brightness, self.coherence, self.tint) if types.jit else plain
+            derived = self.derive(*given)
+            record = (derived.limit, derived.rest, derived.illuminant, derived.factor)
+            if types.jit:
+                self.colours = types.Store(types, dr.ravel(types.Vector4f(*record)), 4)
+            else:
+                self.colours = types.store(np.stack(record, axis=1), 4)
+            scale = 1.0 / (_PI * (dr.maximum(derived.left, 1e-12) if types.jit else np.maximum(derived.left, 1e-12)))
+            if types.jit:
+                scale = dr.select(derived.left > 1e-12, scale, 0.0)
+                self.base = types.Store(types, dr.ravel(types.Vector2f(scale, derived.base_colour)), 2)
+            else:
+                scale = np.where(derived.left > 1e-12, scale, 0.0)
+                self.base = types.store(np.stack([scale, derived.base_colour], axis=1), 2)
+            self.used_depth = given[0]
+            self.chances = types.store(chances(self.rgb_palette, plain, self._body_for_sampling(), self.shown), 4)
+
+        def _body_for_sampling(self):
+            """The body colour by which the base is sampled, by RGB channel: exact for an RGB value, else its mean."""
+            if self.body_rgb is not None:
+                return np.array(self.body_rgb)
+            types = self.types
+            if not (types.spectral or types.mono or self.body.is_spatially_varying()):
+                value = self.body.eval(dr.zeros(mi.SurfaceInteraction3f))
+                return np.clip(np.array(dr.detach(value)).reshape(3), 0.0, 1.0)
+            return np.full(3, float(np.clip(np.ravel(np.array(self.body.mean()))[0], 0.0, 1.0)))
+
+        # What Mitsuba calls.
+
+        def eval(self, ctx, si, wo, active=True):
+            return self.eval_pdf(ctx, si, wo, active)[0]
+
+        def pdf(self, ctx, si, wo, active=True):
+            return self._eval_pdf(ctx, si, wo, active, want_value=False)[1]
+
+        def eval_pdf(self, ctx, si, wo, active=True):
+            value, pdf = self._eval_pdf(ctx, si, wo, active)
+            return mi.depolarizer(value), pdf
+
+        def eval_diffuse_reflectance(self, si, active=True):
+            return self.body.eval(si, active)
+
+        def sample(self, ctx, si, sample1, sample2, active=True):
+            types = self.types
+            record = dr.zeros(types.BSDFSample3f)
+            active = active & (si.wi.z > 0.0)
+            if not types.jit and not active:
+                return record, mi.depolarizer(types.UnpolarizedSpectrum(0.0))
+            wi = dr.select(active, si.wi, types.Vector3f(0.0, 0.0, 1.0))
+            polar = Polar.of(wi)
+            chance = self._chances(ctx, polar, active)
+            total = chance[0] + chance[1] + chance[2] + chance[3]
+            active = active & (total > 0.0)
+            part, select = self._choose(chance, sample1 * total)
+            at = self.tabulated.incidence(polar, active)
+            lobe = part <= _REHIT
+            sin, cos, phi = self.tabulated.sample(part == _REHIT, at, select, sample2.x, sample2.y, active & lobe)
+            wo = self._direction(polar, sin, cos, phi)
+            reflected, upward = self.facets.sample(wi, polar, sample2.x, sample2.y)
+            wo = dr.select(part == _SURFACE, reflected, wo)
+            active = active & ((part != _SURFACE) | upward)
+            wo = dr.select(part == _BASE, self._cosine_hemisphere(sample2), wo)
+            wo = dr.normalize(wo)
+            value, pdf = self._eval_pdf(ctx, si, wo, active)
+            active = active & (pdf > 0.0)
+            record.wo, record.pdf, record.eta = wo, dr.select(active, pdf, 0.0), 1.0
+            base = _DIFFUSE if self.shown[_DIFFUSE] else _INCOHERENT
+            component = dr.select(part == _BASE, types.UInt32(base), types.UInt32(_MIRROR))
+            record.sampled_component = dr.select(part == _INTERIOR, types.UInt32(_BLUR), component)
+            diffuse, glossy = (types.UInt32(int(+kind)) for kind in (
+                self.flags_enum.DiffuseReflection, self.flags_enum.GlossyReflection))  # fmt: skip
+            record.sampled_type = dr.select(part == _BASE, diffuse, glossy)
+            weight = value * dr.select(active, 1.0 / dr.select(active, pdf, 1.0), 0.0)
+            return record, mi.depolarizer(weight)
+
+        def to_string(self):
+            depth, brightness, coherence, tint = self._values()
+            shown = ",".join(name for name, show in zip(parameters.COMPONENTS, self.shown) if show)
+            return (
+                f"Pearl[\n  filename = {self.table.name},\n  depth = {depth:g},\n  brightness = {brightness:g},\n"
+                f"  coherence = {coherence:g},\n  tint = {tint},\n  components = {shown}\n]"
+            )
+
+        # Its parts.
+
+        def _enabled(self, ctx):
+            """Which of the components are asked for, at this BSDF and by the context."""
+            wanted = lambda k: ctx.is_enabled(mi.BSDFFlags(int(self.m_components[k]) & 0x1FF), k)  # noqa: E731
+            return [show and wanted(k) for k, show in enumerate(self.shown)]
+
+        def _eval_pdf(self, ctx, si, wo, active, want_value=True):
+            types = self.types
+            wi, wo = si.wi, types.Vector3f(wo)
+            active = active & (wi.z > 0.0) & (wo.z > 0.0)
+            if not types.jit and not active:
+                return types.UnpolarizedSpectrum(0.0), types.Float(0.0)
+            normal = types.Vector3f(0.0, 0.0, 1.0)
+            wi, wo = dr.select(active, wi, normal), dr.select(active, wo, normal)
+            pair = Pair.of(wi, wo)
+            at = self.tabulated.incidence(pair.incidence, active)
+            exit = self.tabulated.exit(at, pair.exit, pair.y2)
+            pdf = dr.select(active, self._density(ctx, pair, at, exit, active), 0.0)
+            if not want_value:
+                return None, pdf
+            value = self._shade(ctx, si, pair, at, exit, active)
+            return dr.select(active, value, types.UnpolarizedSpectrum(0.0)), pdf
+
+        def _density(self, ctx, pair, at, exit, active):
+            chance = self._chances(ctx, pair.incidence, active)
+            interior, rehit = self.tabulated.pdf(at, exit, active)
+            surface = self.facets.pdf(pair.incidence, pair.half)
+            total = chance[0] + chance[1] + chance[2] + chance[3]
+            pdf = chance[_INTERIOR] * interior + chance[_REHIT] * rehit + chance[_SURFACE] * surface
+            pdf = pdf + chance[_BASE] * pair.exit.cos * (1.0 / _PI)
+            return dr.select(total > 0.0, pdf / dr.maximum(total, 1e-12), 0.0)
+
+        def _chances(self, ctx, polar, active):
+            """Weights of interior, rehit, surface, base; components that the context hides have none."""
+            index, fraction = self._place(polar.cos, polar.sin)
+            chance = self.chances.between(index, fraction, active)
+            diffuse, incoherent, mirror, blur = self._enabled(ctx)
+            kept = [blur, mirror, mirror, diffuse or incoherent]
+            return [weight * float(keep) for weight, keep in zip(chance, kept)]
+
+        def _choose(self, chance, rest):
+            """The part that a share of the weights' sum falls on, and what is left of the random number."""
+            types = self.types
+            part, select = types.UInt32(_BASE), types.Float(0.0)
+            below = types.Float(0.0)
+            chosen = types.Bool(False)
+            for k, weight in enumerate(chance):
+                here = (rest < below + weight) & (weight > 0.0) & (chosen == False)  # noqa: E712 (scalar masks are bool)
+                part = dr.select(here, types.UInt32(k), part)
+                left = (rest - below) / dr.select(weight > 0.0, weight, 1.0)
+                select = dr.select(here, left, select)
+                chosen = chosen | here
+                below = below + weight
+            # A random number so near to 1 that rounding passed the last part falls on the likeliest.
+            likeliest, most = types.UInt32(0), chance[0]
+            for k in (1, 2, 3):
+                likeliest = dr.select(chance[k] > most, types.UInt32(k), likeliest)
+                most = dr.maximum(most, chance[k])
+            return dr.select(chosen, part, likeliest), dr.clip(dr.select(chosen, select, 1.0), 0.0, 1.0 - 6e-8)
+
+        def _direction(self, polar, sin, cos, phi):
+            """The direction at θo and at azimuth φ from the mirror direction of wi."""
+            along, across = polar.azimuth
+            sin_phi, cos_phi = dr.sincos(phi)
+            return self.types.Vector3f(
+                sin * (-cos_phi * along - sin_phi * across), sin * (-cos_phi * across + sin_phi * along), cos
+            )
+
+        def _cosine_hemisphere(self, sample):
+            sin_phi, cos_phi = dr.sincos(2.0 * _PI * sample.y)
+            sin = dr.sqrt(sample.x)
+            return self.types.Vector3f(sin * cos_phi, sin * sin_phi, dr.sqrt(dr.maximum(1.0 - sample.x, 0.0)))
+
+        def _place(self, cos, sin=None):
+            """The place of an angle on the grid of `curves`: node, and how far it is towards the next."""
+            cos = dr.clip(cos, 0.0, 1.0)
+            # 1 − √cos in the form that does not cancel where the sine is known.
+            gap = 1.0 - cos if sin is None else sin * sin / (1.0 + cos)
+            u = dr.sqrt(dr.maximum(gap, 0.0) / (1.0 + dr.sqrt(cos))) * float(curves.STEPS)
+            index = dr.minimum(self.types.floor(u), curves.STEPS - 1)
+            return index, u - self.types.Float(index)
+
+        def _shade(self, ctx, si, pair, at, exit, active):
+            types = self.types
+            places = [
+                self._place(pair.incidence.cos, pair.incidence.sin),
+                self._place(pair.exit.cos, pair.exit.sin),
+                self._place(pair.half.cos),
+            ]
+            scale = self.mirror_scale.between(*places[0], active)[0]
+            interior, rehit = self.tabulated.eval(at, exit, active)
+            mirror = rehit + self.facets.eval(pair.half) * scale
+            enabled = self._enabled(ctx)
+            lobe = interior * float(enabled[_BLUR]) + mirror * float(enabled[_MIRROR])
+            # The one of the two directions that looks at the surface gives the illuminant's hue.
+            view = 0 if ctx.mode == mi.TransportMode.Radiance else 1
+            body = self.body.eval(si, active)
+
+            def channel(index, body):
+                base_scale, base_colour = self.base.read(index, active)
+                first = index * curves.NODES
+                at_i, at_o, at_d = (
+                    self.colours.between(first + node, fraction, active) for node, fraction in places
+                )
+                base = body * base_scale / dr.maximum(body * base_colour, 1.0)
+                base = base * at_i[1] * at_o[1] * pair.exit.cos
+                illuminant = (at_i, at_o)[view][2]
+                diffuse = (1.0 - self.used_depth) * float(enabled[_DIFFUSE])
+                incoherent = self.used_depth * illuminant * float(enabled[_INCOHERENT])
+                return lobe * at_d[3] * at_i[0] + base * (diffuse + incoherent)
+
+            if not types.spectral:
+                values = [channel(types.UInt32(k), body[k]) for k in range(self.channels)]
+                return types.UnpolarizedSpectrum(*values)
+            values = [self._at_wavelength(channel, si.wavelengths[k], body[k]) for k in range(len(si.wavelengths))]
+            return types.UnpolarizedSpectrum(*values)
+
+        def _at_wavelength(self, channel, nm, body):
+            """A value at a wavelength: mixed between the two bands around it, constant beyond the ends."""
+            types = self.types
+            if self.channels == 1:
+                return channel(types.UInt32(0), body)
+            bands = self.table.spectra.wavelength_nm
+            step = (bands[-1] - bands[0]) / (len(bands) - 1)
+            x = dr.clip((nm - float(bands[0])) * float(1.0 / step), 0.0, float(len(bands) - 1))
+            band = dr.minimum(types.floor(x), len(bands) - 2)
+            share = x - types.Float(band)
+            below, above = channel(band, body), channel(band + 1, body)
+            return dr.fma(share, above - below, below)
+
+    return Pearl

@@ -1,0 +1,164 @@
+"""What the controls make of a table's albedos and interference colours, channel by channel.
+
+    f = brightness·lobe·[(1 − γ) + γ·tint·M(θd)]·limit(θi)
+        + ρ·(1 − A(θi))·(1 − A(θo)) / (π(1 − A_avg)) · [(1 − depth) + depth·tint·Ê(view)]·limit
+
+A is the directional albedo of the first term, linear in its colour factor: so all that a control changes follows from
+curves over one angle (`curves`) that are prepared once per table. `derive` is written for NumPy arrays and for Dr.Jit's
+differentiable ones alike.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import curves
+
+#: Below this the light left for the base is rounding.
+_NOTHING_LEFT = 1e-12
+_LUMINANCE = np.array([[0.212671, 0.715160, 0.072169]])
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Channels of one kind, over the nodes of `curves`; arrays are [channel, node]."""
+
+    #: tint of a channel = weights [channel, rgb] · tint.
+    tint_weights: np.ndarray
+    modulation: np.ndarray
+    illuminant: np.ndarray
+    #: Albedo of interior, surface, rehit where the factor is 1 ([lobe, node]) and where it is M ([lobe, channel, node]).
+    plain: np.ndarray
+    modulated: np.ndarray
+
+    @property
+    def channels(self):
+        return len(self.tint_weights)
+
+    @classmethod
+    def of(cls, table, kind):
+        """Channels of kind `rgb`, `mono` (luminance) or `bands` (one channel at all wavelengths for a plain table)."""
+        spectra = table.spectra
+        weights = {"rgb": np.eye(3), "mono": _LUMINANCE, "bands": np.full((1, 3), 1.0 / 3.0)}[kind]
+        if kind == "bands" and spectra is not None:
+            weights = band_weights(spectra.wavelength_nm)
+
+        def rows(part):
+            if part is None:
+                return np.ones((len(weights), curves.NODES))
+            theta, values = part["bands" if kind == "bands" else "rgb"]
+            if kind == "mono":
+                values = values @ _LUMINANCE.T
+            return np.array([curves.monotone(theta, channel)(curves.THETA) for channel in values.T])
+
+        modulation = rows(spectra and spectra.modulation)
+        plain = table.albedos
+        if spectra is None or spectra.modulation is None:
+            modulated = np.repeat(plain[:, None], len(weights), axis=1)
+        else:
+            modulated = np.moveaxis(table.coloured_albedos(modulation.T), 1, 2)
+            plain = table.coloured_albedos(np.ones((curves.NODES, 1)))[:, :, 0]
+        return cls(weights, modulation, rows(spectra and spectra.illuminant), plain, modulated)
+
+
+def band_weights(nm):
+    """Spectral reflectance of a linear sRGB colour: red above 580 nm, green 490 to 580 nm, blue below, joined by ramps
+    of 30 nm. Grey is flat, and nothing leaves the range of the channels, which is what energy needs."""
+    green = np.clip((nm - 490.0) / 30.0 + 0.5, 0.0, 1.0)
+    red = np.clip((nm - 580.0) / 30.0 + 0.5, 0.0, 1.0)
+    return np.stack([red, green - red, 1.0 - green], axis=1)
+
+
+class NumPy:
+    """The few array functions of `derive`, in NumPy."""
+
+    repeat = staticmethod(np.repeat)
+    maximum = staticmethod(np.maximum)
+    select = staticmethod(np.where)
+
+    @staticmethod
+    def block_sum(values, size):
+        return values.reshape(-1, size).sum(axis=1)
+
+    @staticmethod
+    def array(values):
+        return np.asarray(values, float)
+
+
+@dataclass(frozen=True)
+class Derived:
+    """What evaluation reads, flat arrays of channel · NODES + node unless said otherwise."""
+
+    #: brightness·[(1 − γ) + γ·tint·M] over θd.
+    factor: object
+    #: Limit of the first term over θi.
+    limit: object
+    #: 1 − A, limit included.
+    rest: object
+    #: tint·Ê.
+    illuminant: object
+    #: Per channel: 1 − A_avg, and the mean of (1 − depth) + depth·tint·Ê that the base sends out.
+    left: object
+    base_colour: object
+
+
+class Deriver:
+    """Derives curves from controls; `ops` is NumPy or a Dr.Jit counterpart."""
+
+    def __init__(self, palette, ops):
+        self.ops, self.channels = ops, palette.channels
+        flat = lambda rows: ops.array(np.broadcast_to(rows, (palette.channels, curves.NODES)).ravel())  # noqa: E731
+        self.tint_weights = [ops.array(column) for column in palette.tint_weights.T]
+        self.modulation, self.illuminant = flat(palette.modulation), flat(palette.illuminant)
+        self.plain, self.modulated = flat(palette.plain.sum(axis=0)), flat(palette.modulated.sum(axis=0))
+        self.hemispherical = flat(curves.HEMISPHERICAL)
+
+    def tint_of(self, tint):
+        """The tint of every channel."""
+        return sum(weight * channel for weight, channel in zip(self.tint_weights, tint))
+
+    def __call__(self, depth, brightness, coherence, tint):
+        ops, n = self.ops, curves.NODES
+        tint = ops.repeat(self.tint_of(tint), n)
+        factor = brightness * ((1.0 - coherence) + coherence * tint * self.modulation)
+        albedo = brightness * ((1.0 - coherence) * self.plain + coherence * tint * self.modulated)
+        albedo = ops.maximum(albedo, 0.0)
+        limit = 1.0 / ops.maximum(albedo, 1.0)
+        rest = ops.maximum(1.0 - albedo * limit, 0.0)
+        illuminant = tint * self.illuminant
+        left = ops.block_sum(self.hemispherical * rest, n)
+        sent = ops.block_sum(self.hemispherical * rest * ((1.0 - depth) + depth * illuminant), n)
+        lit = left > _NOTHING_LEFT
+        base_colour = ops.select(lit, sent / ops.select(lit, left, 1.0), 1.0)
+        return Derived(factor, limit, rest, illuminant, left, base_colour)
+
+
+def chances(palette, controls, body, shown):
+    """Probability of sampling interior, rehit, surface and base at every node, [node, 4]: albedos of what is shown.
+
+    controls: depth, brightness, coherence, tint; body: its colour by channel; shown: diffuse, incoherent, mirror, blur.
+    """
+    depth, brightness, coherence, tint = controls
+    deriver = Deriver(palette, NumPy)
+    derived = deriver(depth, brightness, coherence, tint)
+    by_channel = lambda flat: flat.reshape(palette.channels, curves.NODES)  # noqa: E731
+    coloured = deriver.tint_of(tint)[:, None] * palette.modulated
+    lobes = brightness * ((1.0 - coherence) * palette.plain[:, None] + coherence * coloured)
+    interior, surface, rehit = (np.maximum(lobes, 0.0) * by_channel(derived.limit)).mean(axis=1)
+    lit = derived.left > _NOTHING_LEFT
+    base = np.where(lit, body / np.maximum(body * derived.base_colour, 1.0), 0.0)
+    base = base[:, None] * by_channel(derived.rest)
+    diffuse = (base * (1.0 - depth)).mean(axis=0)
+    incoherent = np.maximum((base * (derived.base_colour[:, None] - (1.0 - depth))).mean(axis=0), 0.0)
+    show_diffuse, show_incoherent, show_mirror, show_blur = shown
+    chance = np.stack(
+        [
+            interior * show_blur,
+            rehit * show_mirror,
+            surface * show_mirror,
+            diffuse * show_diffuse + incoherent * show_incoherent,
+        ],
+        axis=1,
+    )
+    total = chance.sum(axis=1, keepdims=True)
+    return np.divide(chance, total, out=np.zeros_like(chance), where=total > 0.0)

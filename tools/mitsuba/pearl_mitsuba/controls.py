@@ -1,0 +1,105 @@
+"""The parameters of the plugin: what is given, its defaults from the table, and what is refused."""
+
+from dataclasses import dataclass
+from numbers import Real
+
+from .table import BAKE, PearlError
+
+COMPONENTS = ("diffuse", "incoherent", "mirror", "blur")
+PARAMETERS = ("filename", "depth", "brightness", "coherence", "body_color", "tint", "components")
+#: The effect of a bake that a control needs, and the part of the section `spectra` that holds it.
+_NEEDS = {"depth": "illuminant", "coherence": "coherent"}
+
+
+@dataclass
+class Controls:
+    """What an artist sets; colours are linear sRGB. Body colour is a texture, held by the BSDF."""
+
+    depth: float
+    brightness: float
+    coherence: float
+    tint: list
+    shown: tuple
+
+
+def check_names(given):
+    """Refuses parameters that the plugin does not have."""
+    for name in given:
+        if name not in PARAMETERS:
+            raise PearlError(f"pearl: {name}: no such parameter; expected one of {', '.join(PARAMETERS)}")
+
+
+def number(field, value):
+    """A number from 0 to 1."""
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 <= value <= 1.0:
+        raise PearlError(f"pearl: {field}: {value!r} is not valid; expected a number from 0 to 1")
+    return float(value)
+
+
+def colour(field, value):
+    """Three numbers from 0 to 1, or one for a grey."""
+    if isinstance(value, Real):
+        return [number(field, value)] * 3
+    try:
+        channels = [float(channel) for channel in value]
+    except (TypeError, ValueError):
+        channels = []
+    if len(channels) != 3:
+        raise PearlError(f"pearl: {field}: {value!r} is not valid; expected a colour (rgb), each channel from 0 to 1")
+    return [number(f"{field}[{k}]", channel) for k, channel in enumerate(channels)]
+
+
+def components(text):
+    """Which components are shown, in the order of COMPONENTS."""
+    names = [name.strip() for name in text.split(",")] if isinstance(text, str) else [repr(text)]
+    if names == ["all"]:
+        return (True,) * 4
+    for name in names:
+        if name not in COMPONENTS:
+            raise PearlError(f"pearl: components: {name!r} is none of them; expected all, or a list of "
+                             f"{', '.join(COMPONENTS)} separated by commas")  # fmt: skip
+    return tuple(name in names for name in COMPONENTS)
+
+
+def look(table):
+    """The recipe's look, for what is not given."""
+    return table.meta.get("recipe", {}).get("look", {})
+
+
+def read(props, table):
+    """The controls given, else the recipe's; those that need interference colours are 0 in a table without them."""
+    defaults = look(table)
+
+    def scalar(name, default):
+        if name in props:
+            return number(name, props[name])
+        need = _NEEDS.get(name)
+        return 0.0 if need and not has(table, need) else float(defaults.get(name, default))
+
+    controls = Controls(
+        scalar("depth", 0.5),
+        scalar("brightness", 1.0),
+        scalar("coherence", 0.5),
+        colour("tint", props["tint"]) if "tint" in props else [1.0] * 3,
+        components(props.get("components", "all")),
+    )
+    check_parts(table, controls.depth, controls.coherence)
+    return controls
+
+
+def has(table, effect):
+    """Whether a table has the interference colours of an effect."""
+    if table.spectra is None:
+        return False
+    part = table.spectra.illuminant if effect == "illuminant" else table.spectra.modulation
+    return part is not None
+
+
+def check_parts(table, depth, coherence):
+    """Refuses controls that ask for a part that the table does not have."""
+    for name, value in (("depth", depth), ("coherence", coherence)):
+        if value > 0.0 and not has(table, _NEEDS[name]):
+            raise PearlError(
+                f"pearl: {name}: is {value:g}, but {table.name} has no interference colours for it (effect "
+                f"{_NEEDS[name]!r}): set {name} to 0, or bake them with `{BAKE}` where the recipe's look.{name} > 0"
+            )

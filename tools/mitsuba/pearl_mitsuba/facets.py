@@ -1,0 +1,63 @@
+"""The single reflection at interface 0 in closed form, integrated over the exit hemisphere, in NumPy.
+
+A facet of slopes (p, q) ~ N(0, σ²) has the normal m ∝ (−p, −q, 1) where wi = (sin θi, 0, cos θi).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+#: Narrowest facets that are evaluated, radians.
+MIN_SLOPE_SD = 1e-4
+#: Beyond this many σ the normal distribution has no mass that sums would see.
+FAR = 8.0
+
+_ALONG = np.polynomial.legendre.leggauss(48)
+_ACROSS = np.polynomial.legendre.leggauss(24)
+
+
+@dataclass(frozen=True)
+class Facets:
+    """Slope standard deviation (radians), index of the first layer over the ambient's, and how facets are met."""
+
+    sigma: float
+    index_ratio: float
+    visible: bool
+
+    @classmethod
+    def of(cls, model):
+        """From `surface_model` of a table's metadata."""
+        ratio = model["n_first"] / model["n_ambient"]
+        return cls(max(model["slope_sd"], MIN_SLOPE_SD), ratio, model["normals"] == "visible")
+
+    def slope_density(self, slope):
+        """Density of one slope."""
+        x = slope / self.sigma
+        return np.exp(-0.5 * x * x) / (np.sqrt(2 * np.pi) * self.sigma)
+
+    def fresnel(self, cos):
+        """Unpolarised reflectance at the cosine of the local angle of incidence."""
+        ratio = self.index_ratio
+        cos_t2 = 1.0 - (1.0 - cos * cos) / (ratio * ratio)
+        cos_t = np.sqrt(np.maximum(cos_t2, 0.0))
+        s = (cos - ratio * cos_t) / np.maximum(cos + ratio * cos_t, 1e-300)
+        p = (ratio * cos - cos_t) / np.maximum(ratio * cos + cos_t, 1e-300)
+        return np.where(cos_t2 <= 0.0, 1.0, 0.5 * (s * s + p * p))
+
+    def integrate(self, cos_i):
+        """Pieces (mass, cos θd) of ∫ reflection dωo at one incidence; their masses add up to the integral."""
+        sin_i = np.sqrt(max(0.0, 1.0 - cos_i * cos_i))
+        far = FAR * self.sigma
+        q_end = min(far, 1.0 / max(cos_i, 1e-300))
+        q = (0.5 * q_end * (1.0 + _ACROSS[0]))[:, None]
+        across = _ACROSS[1][:, None] * q_end * self.slope_density(q)
+        chord = np.sqrt(np.maximum(0.0, 1.0 - q * q * cos_i * cos_i))
+        with np.errstate(divide="ignore", over="ignore"):
+            lo = np.maximum(np.divide(-(sin_i + chord), cos_i), -far)
+        hi = np.minimum(cos_i * (1.0 - q * q) / np.maximum(sin_i + chord, 1e-300), far)
+        span = np.maximum(hi - lo, 0.0)
+        p = lo + 0.5 * span * (1.0 + _ALONG[0])
+        projected = cos_i - p * sin_i
+        cos = np.clip(projected / np.sqrt(1.0 + p * p + q * q), 0.0, 1.0)
+        mass = 0.5 * span * _ALONG[1] * across * self.slope_density(p) * (projected if self.visible else 1.0)
+        return (mass * self.fresnel(cos)).ravel(), cos.ravel()

@@ -1,0 +1,545 @@
+"""Evaluation, density and sampling of the lobes of a table, in Dr.Jit.
+
+Directions are unit vectors in the shading frame; what is computed mirrors the Rust crate pearl-bsdf step by step, in
+single precision. So that grazing directions keep their digits, angles near the horizon are carried as elevations
+(π/2 − θ), and the half vector follows from differences that do not cancel.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import numpy as np
+
+from .table import SPAN_STEPS
+
+_PI = float(np.pi)
+_HALF_PI = 0.5 * _PI
+_TINY = 1e-30
+#: sin θo is floored here where a density is divided by it.
+_POLE = 1e-7
+#: Largest cap around the normal that is sampled evenly, radians.
+_LARGEST_CAP = 0.1
+#: Nearest single-precision number below 1.
+_BELOW_ONE = 1.0 - 6e-8
+
+
+def _sqrt(x):
+    return dr.sqrt(dr.maximum(x, 0.0))
+
+
+def _difference_of_products(a, b, c, d):
+    """a·b − c·d to within one rounding (Kahan)."""
+    cd = c * d
+    return dr.fma(a, b, -cd) - dr.fma(c, d, -cd)
+
+
+@dataclass
+class Polar:
+    """A direction by its angle from the normal."""
+
+    cos: object
+    sin: object
+    theta: object
+    #: π/2 − θ, with its own digits.
+    elevation: object
+    #: x and y, (1, 0) at the pole, and the reciprocal of their length.
+    plane: tuple
+    inverse_radius: object
+
+    @classmethod
+    def of(cls, w):
+        radius = dr.sqrt(w.x * w.x + w.y * w.y)
+        steep = w.z > 0.7
+        sin = dr.select(steep, dr.minimum(radius, 1.0), _sqrt(dr.fma(-w.z, w.z, 1.0)))
+        small = dr.asin(dr.minimum(dr.select(steep, sin, w.z), 1.0))
+        pole = radius < 1e-20
+        plane = dr.select(pole, 1.0, w.x), dr.select(pole, 0.0, w.y)
+        theta = dr.select(steep, small, _HALF_PI - small)
+        elevation = dr.select(steep, _HALF_PI - small, small)
+        return cls(w.z, sin, theta, elevation, plane, 1.0 / dr.select(pole, 1.0, radius))
+
+    @property
+    def azimuth(self):
+        """cos and sin of the azimuth."""
+        return self.plane[0] * self.inverse_radius, self.plane[1] * self.inverse_radius
+
+
+@dataclass
+class Half:
+    """What the closed-form lobe needs of two directions."""
+
+    #: Squared slopes along and across wi's azimuth.
+    p2: object
+    q2: object
+    #: z of the half vector, and cos θd.
+    z: object
+    cos: object
+
+
+@dataclass
+class Pair:
+    """Two directions above the horizon."""
+
+    incidence: Polar
+    exit: Polar
+    #: sin²(φ/2), φ from the mirror direction of wi.
+    y2: object
+    half: Half
+
+    @classmethod
+    def of(cls, wi, wo):
+        i, o = Polar.of(wi), Polar.of(wo)
+        # From the vectors themselves: at grazing incidence the rounding of unit azimuths would tilt the half vector.
+        (ix, iy), (ox, oy), scale = i.plane, o.plane, i.inverse_radius * o.inverse_radius
+        sin_phi = scale * _difference_of_products(ix, oy, iy, ox)
+        cos_phi = -scale * dr.fma(ix, ox, iy * oy)
+        near = dr.square(sin_phi) / (2.0 * (1.0 + dr.maximum(cos_phi, 0.0)))
+        y2 = dr.minimum(dr.select(cos_phi > 0.0, near, 0.5 * (1.0 - cos_phi)), 1.0)
+        # sin θi − sin θo from whichever keeps its digits.
+        by_cos = (o.cos - i.cos) * (o.cos + i.cos) / dr.maximum(i.sin + o.sin, 0.1)
+        gap = dr.select(dr.minimum(i.cos, o.cos) > 0.7, i.sin - o.sin, by_cos)
+        along = dr.fma(2.0 * o.sin, y2, gap)
+        across = o.sin * sin_phi
+        up = i.cos + o.cos
+        plane2 = dr.fma(along, along, across * across)
+        length = dr.sqrt(dr.fma(up, up, plane2))
+        inverse_up = 1.0 / dr.maximum(up, _TINY)
+        half = Half(
+            dr.square(along * inverse_up),
+            dr.square(across * inverse_up),
+            dr.minimum(up / dr.maximum(length, _TINY), 1.0),
+            dr.minimum(0.5 * length, 1.0),
+        )
+        return cls(i, o, y2, half)
+
+
+class Facets:
+    """The single reflection at interface 0: facet density × Fresnel."""
+
+    def __init__(self, facets):
+        self.sigma, self.ratio, self.visible = float(facets.sigma), float(facets.index_ratio), facets.visible
+
+    def _slopes(self, half):
+        x = (half.p2 + half.q2) * (0.5 / self.sigma**2)
+        return dr.exp(-dr.minimum(x, 80.0)) * (1.0 / (2.0 * _PI * self.sigma**2))
+
+    def fresnel(self, cos):
+        """Unpolarised reflectance at the cosine of the local angle of incidence."""
+        ratio = self.ratio
+        cos_t2 = 1.0 - (1.0 - cos * cos) / (ratio * ratio)
+        cos_t = dr.sqrt(dr.maximum(cos_t2, 1e-12))
+        s = (cos - ratio * cos_t) / (cos + ratio * cos_t)
+        p = (ratio * cos - cos_t) / (ratio * cos + cos_t)
+        return dr.select(cos_t2 <= 0.0, 1.0, 0.5 * (s * s + p * p))
+
+    def eval(self, half):
+        """f·cos θo short of the factor that depends on θi alone."""
+        z = dr.maximum(half.z, 1e-6)
+        density = 0.25 * self._slopes(half) / (z * z * z) * self.fresnel(half.cos)
+        return density / (z if self.visible else dr.maximum(half.cos, 1e-6))
+
+    def pdf(self, incidence, half):
+        """Density per steradian with which `sample` finds the direction."""
+        z = dr.maximum(half.z, 1e-6)
+        reach = 1.0 / dr.maximum(incidence.cos, _TINY)
+        lo, hi = self._limits(incidence, half.q2)
+        kept = self._kept(-reach, reach) * self._kept(lo, hi)
+        jacobian = 4.0 * dr.maximum(half.cos, 1e-6) * z * z * z
+        return dr.select(kept > 1e-12, self._slopes(half) / (dr.maximum(kept, 1e-12) * jacobian), 0.0)
+
+    def sample(self, wi, incidence, u, v):
+        """A direction and whether it is one: slopes from the normal distribution cut to where they reflect upward."""
+        reach = 1.0 / dr.maximum(incidence.cos, _TINY)
+        q = self._truncated_normal(-reach, reach, u)
+        lo, hi = self._limits(incidence, q * q)
+        p = self._truncated_normal(lo, hi, v)
+        z = 1.0 / dr.sqrt(1.0 + p * p + q * q)
+        along, across = incidence.azimuth
+        m = type(wi)(z * (q * across - p * along), -z * (p * across + q * along), z)
+        wo = dr.fma(2.0 * dr.dot(wi, m), m, -wi)
+        return wo, (wo.z > 0.0) & (hi > lo)
+
+    @staticmethod
+    def _limits(incidence, q2):
+        """Where along p facets reflect above the horizon, at one q."""
+        cos, sin = incidence.cos, incidence.sin
+        chord = _sqrt(1.0 - q2 * cos * cos)
+        return -(sin + chord) / dr.maximum(cos, _TINY), cos * (1.0 - q2) / dr.maximum(sin + chord, _TINY)
+
+    def _kept(self, lo, hi):
+        """Probability that a slope lies between the limits."""
+        scale = 1.0 / (self.sigma * float(np.sqrt(2.0)))
+        return 0.5 * (dr.erf(hi * scale) - dr.erf(lo * scale))
+
+    def _truncated_normal(self, lo, hi, u):
+        scale = 1.0 / (self.sigma * float(np.sqrt(2.0)))
+        a, b = dr.erf(lo * scale), dr.erf(hi * scale)
+        x = dr.erfinv(dr.clip(a + u * (b - a), -_BELOW_ONE, _BELOW_ONE))
+        return dr.clip(x / scale, lo, hi)
+
+
+class Warp:
+    """An axis x = c ± w·sinh(·) at one incidence; coordinates are given relative to the centre."""
+
+    def __init__(self, width, room_lo, room_hi, cells):
+        """room_lo: room below the centre, or None on a one-sided axis."""
+        self.width = width
+        self.inverse_width = 1.0 / width
+        half = 0.5 * cells
+        if room_lo is None:
+            self.middle, self.gain_lo, self.gain_hi = 0.0, None, cells / self._asinh(room_hi * self.inverse_width)
+        else:
+            self.middle = half
+            self.gain_lo = half / self._asinh(room_lo * self.inverse_width)
+            self.gain_hi = half / self._asinh(room_hi * self.inverse_width)
+
+    @staticmethod
+    def _asinh(x):
+        return dr.log(x + dr.sqrt(dr.fma(x, x, 1.0)))
+
+    def _gain(self, positive):
+        return self.gain_hi if self.gain_lo is None else dr.select(positive, self.gain_hi, self.gain_lo)
+
+    def position(self, offset):
+        """Position in cells of centre + offset, and dx/dposition there."""
+        size = dr.abs(offset) * self.inverse_width
+        root = dr.sqrt(dr.fma(size, size, 1.0))
+        gain = self._gain(offset >= 0.0)
+        stretched = gain * dr.log(size + root)
+        position = self.middle + dr.select(offset >= 0.0, stretched, -stretched)
+        return position, self.width * root / gain
+
+    def offset(self, position):
+        """The coordinate at a position, relative to the centre."""
+        d = position - self.middle
+        return self.width * dr.sinh(d / self._gain(d >= 0.0))
+
+
+@dataclass
+class Incidence:
+    """The table at one angle of incidence."""
+
+    polar: Polar
+    #: The two incidences that are mixed, and how far (0..1) θi is towards the second.
+    node: object
+    following: object
+    fraction: object
+    correction: list
+    #: Σ of the sampling densities: interior, rehit; and the share of each in the cap around the normal.
+    total: list
+    cap: list
+    columns: Warp
+    #: Room above the columns' centre: the elevation of the centre.
+    room: object
+    #: sin θi/w² (decay tables), or the φ axis (walk tables).
+    concentration: object
+    phi: Warp | None
+
+
+class Tabulated:
+    """The lobes interior and rehit, read by the rule of docs/LUT-FORMAT.md §4 and sampled."""
+
+    def __init__(self, types, table):
+        self.types = types
+        self.axis = table.axis
+        self.columns, self.rows, self.incidences = table.axis.columns, table.axis.rows, len(table.theta)
+        self.rows_of_spans, self.spans = table.rows_of_spans, table.spans
+        (before, after), spans = self.rows_of_spans, self.spans
+        # A density that is linear in position does not vanish with sin θo at the normal: within a cap as narrow as a
+        # facet's tilt, where lobes do not vary much, what falls there is spread evenly over the solid angle.
+        self.cap = min(table.axis.width, _LARGEST_CAP)
+        self.cap_sin = float(np.sin(self.cap))
+        self.cap_density = float(0.25 / (np.pi * np.sin(0.5 * self.cap) ** 2))
+        self.span_count = len(spans) - 1
+        # One step for all spans where the incidences are equidistant from 0 to 90°.
+        steps = np.diff(spans)
+        regular = np.allclose(steps, steps[0], rtol=1e-9) and np.array_equal(after, before + 1)
+        self.regular_step = float(steps[0]) if regular else None
+        at = spans[:-1, None] + steps[:, None] * np.arange(SPAN_STEPS + 1) / SPAN_STEPS
+        widths = np.interp(at, table.theta, table.azimuth_width)[..., None]
+        self.along = types.store(np.concatenate([table.corrections, widths, np.zeros_like(widths)], axis=2), 4)
+        if not regular:
+            self.span_ends = types.store(spans, 1)
+            self.span_records = types.store(np.stack([spans[:-1], 1.0 / steps, before, after], axis=1), 4)
+        self.measure = table.measure
+        self.set_values(table.values)
+
+    def set_values(self, values, data=None):
+        """Stored values, [incidence, row, column, lobe], and where given the (differentiable) array to read them from."""
+        types = self.types
+        self.values = types.store(values, 2) if data is None else types.Store(types, data, 2)
+        density = np.asarray(values, float) * self.measure[..., None]
+        rows = density.sum(axis=2)
+        total = rows.sum(axis=1)
+        self.density = types.store(density, 2)
+        self.total = types.store(total, 2)
+        scale = lambda sums: np.divide(1.0, sums, out=np.zeros_like(sums), where=sums > 0.0)  # noqa: E731
+        # Distribution functions of each row, and of the φ rows of an incidence, normalised; lobe-major.
+        self.caps = types.store(self._cap_shares(density.sum(axis=1) * scale(total)[:, None], total), 2)
+        self.row_density, self.row_cdf = self._distribution(density * scale(rows)[:, :, None], axis=2)
+        self.phi_density, self.phi_cdf = self._distribution(rows * scale(total)[:, None], axis=1)
+
+    def _cap_shares(self, density, total):
+        """Share of what `sample` draws within the cap around the normal before it spreads it there, at the steps of
+        `along`: [step, lobe]. density: [incidence, column, lobe], of sum 1 over the columns where there is light."""
+        spans, (before, after) = self.spans, self.rows_of_spans
+        steps = np.arange(SPAN_STEPS + 1) / SPAN_STEPS
+        # Integral of the density as it is read, up to every half cell; within halves it is quadratic.
+        edge = np.concatenate([density[:, :1], 0.5 * (density[:, 1:] + density[:, :-1]), density[:, -1:]], axis=1)
+        halves = 0.25 * np.stack([edge[:, :-1] + density, density + edge[:, 1:]], axis=2)
+        halves = halves.reshape(len(density), -1, density.shape[2])
+        shares = np.zeros((len(before), SPAN_STEPS + 1, density.shape[2]))
+        knots = np.arange(2 * self.columns + 1)
+        nodes = np.stack([edge[:, :-1], density], axis=2).reshape(len(density), -1, density.shape[2])
+        nodes = np.concatenate([nodes, edge[:, -1:]], axis=1)
+        cumulated = np.concatenate([np.zeros_like(halves[:, :1]), halves.cumsum(axis=1)], axis=1)
+
+        def integral(row, position):
+            x = 2.0 * position
+            k = np.clip(x.astype(int), 0, 2 * self.columns - 1)
+            t = (x - knots[k])[:, None]
+            a, b = nodes[row][k], nodes[row][k + 1]
+            return cumulated[row][k] + 0.5 * t * (a + 0.5 * t * (b - a))
+
+        for span, (lo, hi) in enumerate(zip(spans, spans[1:])):
+            columns = self.axis.columns_at(lo + (hi - lo) * steps)
+            ends = [columns.position(np.full_like(steps, s)) for s in (-self.cap, self.cap)]
+            weights = np.stack([(1.0 - steps)[:, None] * total[before[span]], steps[:, None] * total[after[span]]])
+            for row, weight in zip((before[span], after[span]), weights):
+                inside = integral(row, ends[1]) - (integral(row, ends[0]) if self.axis.plane else 0.0)
+                shares[span] += weight * inside
+            sums = weights.sum(axis=0)
+            shares[span] = np.divide(shares[span], sums, out=np.zeros_like(sums), where=sums > 0.0)
+        return shares
+
+    def _distribution(self, density, axis):
+        middle = density.cumsum(axis=axis) - 0.5 * density
+        flat = lambda values: self.types.store(np.moveaxis(values, -1, 0), 1)  # noqa: E731
+        return flat(density), flat(middle)
+
+    def incidence(self, polar, active):
+        """The table at θi."""
+        types = self.types
+        if self.regular_step is not None:
+            x = polar.theta * (1.0 / self.regular_step)
+            span = dr.minimum(types.floor(x), self.span_count - 1)
+            fraction = dr.clip(x - types.Float(span), 0.0, 1.0)
+            node, following = span, span + 1
+        else:
+            found = dr.binary_search(
+                1, self.span_count, lambda k: self.span_ends.read(types.UInt32(k), active)[0] <= polar.theta
+            )
+            span = types.UInt32(found) - 1
+            start, inverse, before, after = self.span_records.read(span, active)
+            fraction = dr.clip((polar.theta - start) * inverse, 0.0, 1.0)
+            node, following = types.floor(before), types.floor(after)
+        step = fraction * SPAN_STEPS
+        index = dr.minimum(types.floor(step), SPAN_STEPS - 1)
+        record = span * (SPAN_STEPS + 1) + index
+        interior, rehit, width, _ = self.along.between(record, step - types.Float(index), active)
+        near, far = self.total.read(node, active), self.total.read(following, active)
+        total = [dr.fma(fraction, b - a, a) for a, b in zip(near, far)]
+        cap = self.caps.between(record, step - types.Float(index), active)
+
+        w2 = self.axis.width**2
+        withdrawal = lambda room: w2 / (dr.sqrt(dr.fma(room, room, w2)) + room)  # noqa: E731
+        above_lo = polar.theta - self.axis.lo
+        shift = withdrawal(above_lo) - withdrawal(polar.elevation)
+        room = polar.elevation - shift
+        columns = Warp(self.axis.width, above_lo + shift, room, self.columns)
+        self_phi, concentration = None, None
+        if self.axis.plane:
+            concentration = polar.sin / (width * width)
+        else:
+            # tan of the centre = 1/tan of its elevation.
+            self_phi = Warp(self.axis.width * dr.tan(dr.maximum(room, 1e-7)), None, _PI, self.rows)
+        return Incidence(polar, node, following, fraction, [interior, rehit], total, cap, columns, room, concentration, self_phi)
+
+    def exit(self, at, polar, y2):
+        """Where an exit direction lies in the table."""
+        steep = dr.minimum(at.polar.cos, polar.cos) > 0.7
+        gap = dr.select(steep, polar.theta - at.polar.theta, at.polar.elevation - polar.elevation)
+        # θo − centre; the centre is θi + (elevation of θi − room).
+        forward = gap - (at.polar.elevation - at.room)
+        position, slope = at.columns.position(forward)
+        cell = self._cell(position, self.columns)
+        if not self.axis.plane:
+            phi, phi_slope = at.phi.position(2.0 * dr.asin(dr.minimum(dr.sqrt(y2), 1.0)))
+            return Exit([cell], [slope], self._cell(phi, self.rows), slope * phi_slope * polar.sin, None, polar.sin, y2)
+        position, retro_slope = at.columns.position(-polar.theta - (_HALF_PI - at.room))
+        x = at.concentration * polar.sin
+        return Exit([cell, self._cell(position, self.columns)], [slope, retro_slope], None, None, x, polar.sin, y2)
+
+    def _cell(self, position, cells):
+        from_first = dr.clip(position - 0.5, 0.0, cells - 1.0)
+        index = dr.minimum(self.types.floor(from_first), cells - 2)
+        return index, from_first - self.types.Float(index)
+
+    def _read(self, store, at, row, cell, active):
+        index, fraction = cell
+        start = row + index
+        stride = self.rows * self.columns
+        near = store.between(at.node * stride + start, fraction, active)
+        far = store.between(at.following * stride + start, fraction, active)
+        return [dr.fma(at.fraction, b - a, a) for a, b in zip(near, far)]
+
+    def _parts(self, store, at, exit, active):
+        """A store read ahead and back (decay tables), or in the two φ rows around the exit (walk tables)."""
+        if self.axis.plane:
+            return [self._read(store, at, 0, cell, active) for cell in exit.cells]
+        row = exit.row[0] * self.columns
+        return [self._read(store, at, row + step, exit.cells[0], active) for step in (0, self.columns)]
+
+    def eval(self, at, exit, active):
+        """f·cos θo in 1/sr of interior and rehit, the albedo restored."""
+        first, second = self._parts(self.values, at, exit, active)
+        if self.axis.plane:
+            d = _decay(exit.concentration, exit.y2)
+            return [c * dr.fma(d, a, (1.0 - d) * b) for a, b, c in zip(first, second, at.correction)]
+        return [c * dr.fma(exit.row[1], b - a, a) for a, b, c in zip(first, second, at.correction)]
+
+    def pdf(self, at, exit, active):
+        """Densities per steradian with which `sample` finds the direction: interior, rehit."""
+        first, second = self._parts(self.density, at, exit, active)
+        if self.axis.plane:
+            around = Forward(exit.concentration).pdf(exit.y2)
+            scale = 1.0 / dr.maximum(exit.sin, _POLE)
+            ahead, back = around / exit.slopes[0] * scale, (0.5 / _PI) / exit.slopes[1] * scale
+            density = [a * ahead + b * back for a, b in zip(first, second)]
+        else:
+            # Half of it on either side of the plane of incidence.
+            scale = 0.5 / dr.maximum(exit.measure, _POLE**2)
+            density = [scale * dr.fma(exit.row[1], b - a, a) for a, b in zip(first, second)]
+        density = [dr.select(t > 0.0, d / dr.maximum(t, _TINY), 0.0) for d, t in zip(density, at.total)]
+        in_cap = exit.sin < self.cap_sin
+        return [dr.select(in_cap, share * self.cap_density, d) for share, d in zip(at.cap, density)]
+
+    def sample(self, rehit, at, select, u, v, active):
+        """θo's sine and cosine, and φ, of the lobe interior or (mask) rehit."""
+        types = self.types
+        pick = lambda record: dr.select(rehit, record[1], record[0])  # noqa: E731
+        near = (1.0 - at.fraction) * pick(self.total.read(at.node, active))
+        far = at.fraction * pick(self.total.read(at.following, active))
+        second, select = _split(select, near / dr.maximum(near + far, _TINY))
+        incidence = dr.select(second, at.following, at.node) + dr.select(rehit, types.UInt32(self.incidences), 0)
+        phi, row = None, incidence * self.rows
+        if not self.axis.plane:
+            mirrored = v >= 0.5
+            v = dr.select(mirrored, 2.0 * v - 1.0, 2.0 * v)
+            position = self._invert(self.phi_density, self.phi_cdf, incidence * self.rows, self.rows, v, active)
+            index, fraction = self._cell(position, self.rows)
+            a, b = (self.phi_density.read(row + index + k, active)[0] for k in (0, 1))
+            near, far = (1.0 - fraction) * a, fraction * b
+            second, select = _split(select, near / dr.maximum(near + far, _TINY))
+            row = row + index + dr.select(second, types.UInt32(1), 0)
+            phi = dr.minimum(at.phi.offset(position), _PI)
+            phi = dr.select(mirrored, -phi, phi)
+        position = self._invert(self.row_density, self.row_cdf, row * self.columns, self.columns, u, active)
+        # Elevation of the signed exit angle: from 0 at the forward horizon to π at the retro one.
+        elevation = dr.clip(at.room - at.columns.offset(position), 0.0, _PI if self.axis.plane else _HALF_PI)
+        cos, sin = dr.sin(elevation), dr.cos(elevation)
+        if self.axis.plane:
+            forward = Forward(at.concentration * dr.maximum(sin, 0.0)).sample(v)
+            phi = dr.select(sin >= 0.0, forward, _PI * (2.0 * v - 1.0))
+        sin = dr.abs(sin)
+        in_cap = (sin < self.cap_sin) & (cos > 0.0)
+        # Two numbers that say nothing about falling into the cap: what is left of the one that chose the rows, and
+        # either v, on which only φ depended, or u as a share of the row's part within the cap.
+        area, turn = select, v
+        if not self.axis.plane:
+            edge, _ = at.columns.position(self.cap - _HALF_PI + at.room)
+            within = self._cumulated(self.row_density, self.row_cdf, row * self.columns, edge, active)
+            area, turn = dr.clip(u / dr.maximum(within, _TINY), 0.0, 1.0), select
+        chord2 = float(np.sin(0.5 * self.cap) ** 2) * area
+        cap_sin = 2.0 * dr.sqrt(chord2 * (1.0 - chord2))
+        sin, cos = dr.select(in_cap, cap_sin, sin), dr.select(in_cap, 1.0 - 2.0 * chord2, cos)
+        return sin, cos, dr.select(in_cap, _PI * (2.0 * turn - 1.0), phi)
+
+    def _cumulated(self, density, cdf, start, position, active):
+        """Integral of a row's piecewise-linear density up to a position."""
+        index, t = self._cell(position, self.columns)
+        a, b = (density.read(start + index + k, active)[0] for k in (0, 1))
+        inner = cdf.read(start + index, active)[0] + t * dr.fma(0.5 * t, b - a, a)
+        return dr.select(position < 0.5, position * a, inner)
+
+    def _invert(self, density, cdf, start, count, share, active):
+        """Position where the integral of a piecewise-linear density reaches a share of its total (1)."""
+        types = self.types
+        found = dr.binary_search(0, count, lambda k: cdf.read(start + types.UInt32(k), active)[0] <= share)
+        above = types.UInt32(found)
+        k = dr.maximum(above, types.UInt32(1)) - 1
+        following = dr.minimum(k + 1, types.UInt32(count - 1))
+        a, b = density.read(start + k, active)[0], density.read(start + following, active)[0]
+        rest = share - cdf.read(start + k, active)[0]
+        # a·t + (b − a)·t²/2 = rest, in the form that does not cancel; beyond the ends the density is constant.
+        b = dr.select((above == 0) | (following == k), a, b)
+        root = _sqrt(dr.fma(a, a, 2.0 * (b - a) * rest))
+        t = 2.0 * rest / dr.maximum(a + root, _TINY)
+        lowest = dr.select(above == 0, -0.5, 0.0)
+        highest = dr.select(following == k, 0.5, 1.0)
+        return types.Float(k) + 0.5 + dr.clip(t, lowest, highest)
+
+
+@dataclass
+class Exit:
+    """Where an exit direction lies in the table at one incidence."""
+
+    #: Column cells ahead and back (decay) or one (walk), and dx/dposition there.
+    cells: list
+    slopes: list
+    #: φ cell and dω/d(positions), walk tables.
+    row: tuple | None
+    measure: object
+    #: Concentration of the decay, decay tables.
+    concentration: object
+    sin: object
+    y2: object
+
+
+def _split(u, first):
+    """Chooses the second of two by the probability of the first, and what is left of the random number."""
+    second = u >= first
+    a = u / dr.maximum(first, _TINY)
+    b = (u - first) / dr.maximum(1.0 - first, _TINY)
+    return second, dr.clip(dr.select(second, b, a), 0.0, _BELOW_ONE)
+
+
+def _one_minus_exp(z):
+    series = z * (1.0 - z / 2.0 * (1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0))))
+    return dr.select(z > 0.03, 1.0 - dr.exp(-z), series)
+
+
+def _decay(x, y2):
+    """D(φ) at concentration x from y2 = sin²(φ/2)."""
+    floor = dr.maximum(x, 1e-9)
+    ratio = _one_minus_exp(2.0 * floor * (1.0 - y2)) / _one_minus_exp(2.0 * floor)
+    return dr.select(x < 1e-9, 1.0 - y2, dr.exp(-dr.minimum(2.0 * floor * y2, 80.0)) * ratio)
+
+
+class Forward:
+    """Density of φ that follows D within a bounded factor and inverts in closed form (pearl-bsdf, `azimuth`)."""
+
+    def __init__(self, x):
+        self.k = dr.maximum(1.6 * _sqrt(x), 1e-2)
+        e = dr.exp(-2.0 * self.k)
+        self.tanh_k = (1.0 - e) / (1.0 + e)
+        self.narrow = x / (x + 0.25)
+
+    def pdf(self, y2):
+        """Density per radian of φ."""
+        e = dr.exp(-dr.minimum(2.0 * self.k * dr.sqrt(y2), 80.0))
+        sech2 = 4.0 * e / dr.square(1.0 + e)
+        narrow = 0.25 * _sqrt(1.0 - y2) * self.k * sech2 / self.tanh_k
+        return (1.0 - self.narrow) * (0.5 / _PI) + self.narrow * narrow
+
+    def sample(self, u):
+        """φ ∈ [−π, π]."""
+        negative = u >= 0.5
+        u = dr.select(negative, 2.0 * u - 1.0, 2.0 * u)
+        broad = u >= self.narrow
+        v = (u - self.narrow) / dr.maximum(1.0 - self.narrow, _TINY)
+        t = dr.minimum(u / dr.maximum(self.narrow, _TINY), 1.0) * self.tanh_k
+        t = dr.clip(t, 0.0, _BELOW_ONE)
+        y = dr.minimum(0.5 * dr.log((1.0 + t) / (1.0 - t)) / self.k, 1.0)
+        phi = dr.select(broad, _PI * dr.minimum(v, 1.0), 2.0 * dr.asin(y))
+        return dr.select(negative, -phi, phi)

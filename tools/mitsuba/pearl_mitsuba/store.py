@@ -1,0 +1,81 @@
+"""Arrays that are read at computed places, in JIT variants (Dr.Jit gathers) and in scalar ones (plain Python)."""
+
+import drjit as dr
+import numpy as np
+
+
+class JitStore:
+    """Records of `width` floats, read together; differentiable in `data`."""
+
+    def __init__(self, types, data, width):
+        self.record = {1: types.Float, 2: types.Vector2f, 4: types.Vector4f}[width]
+        self.width, self.data = width, data
+
+    def read(self, index, active):
+        """The record at an index: a list of floats."""
+        found = dr.gather(self.record, self.data, index, active)
+        return [found] if self.width == 1 else [found[k] for k in range(self.width)]
+
+    def between(self, index, fraction, active):
+        """The record between an index and the next, read linearly."""
+        a, b = self.read(index, active), self.read(index + 1, active)
+        return [dr.fma(fraction, y - x, x) for x, y in zip(a, b)]
+
+
+class ScalarStore:
+    """The same in plain Python floats."""
+
+    def __init__(self, types, data, width):
+        self.records = np.asarray(data, np.float64).reshape(-1, width).tolist()
+
+    def read(self, index, active):
+        return self.records[index]
+
+    def between(self, index, fraction, active):
+        return [x + fraction * (y - x) for x, y in zip(self.records[index], self.records[index + 1])]
+
+
+class Types:
+    """The types of one Mitsuba variant: objects of it keep working after `mi.set_variant` chose another."""
+
+    def __init__(self, mi):
+        self.mi = mi
+        self.variant = mi.variant()
+        self.jit = self.variant.startswith(("llvm", "cuda"))
+        for name in ("Float", "UInt32", "Bool", "Vector2f", "Vector3f", "Vector4f", "Color3f", "TensorXf", "Spectrum",
+                     "UnpolarizedSpectrum", "BSDFSample3f"):  # fmt: skip
+            setattr(self, name, getattr(mi, name))
+        self.spectral = "spectral" in self.variant
+        self.mono = "mono" in self.variant
+        self.Store = JitStore if self.jit else ScalarStore
+
+    def array(self, values):
+        """A flat array of numbers: of Dr.Jit, or NumPy's in scalar variants."""
+        if self.jit:
+            return self.Float(np.ascontiguousarray(values, np.float32).ravel())
+        return np.asarray(values, float).ravel()
+
+    def store(self, values, width):
+        """A store of records."""
+        return self.Store(self, self.array(values), width)
+
+    def floor(self, x):
+        """x ≥ 0 as an index."""
+        return self.UInt32(x) if self.jit else int(x)
+
+    # The counterpart of colours.NumPy.
+    @staticmethod
+    def repeat(values, count):
+        return dr.repeat(values, count)
+
+    @staticmethod
+    def maximum(a, b):
+        return dr.maximum(a, b)
+
+    @staticmethod
+    def select(mask, a, b):
+        return dr.select(mask, a, b)
+
+    @staticmethod
+    def block_sum(values, size):
+        return dr.block_sum(values, size)

@@ -1,0 +1,299 @@
+"""A pearl table (docs/LUT-FORMAT.md), read and made ready for evaluation, in NumPy.
+
+All angles are radians. Lobes come in the order interior, rehit: what is tabulated. The single reflection at the first
+interface is a closed form (`facets`).
+"""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from . import curves
+from .axes import HALF_PI, ExitAxis, concentration, neighbours, reading_weights, sampling_measure
+from .facets import Facets
+
+#: Steps of a span of θi at which corrections are known.
+SPAN_STEPS = 64
+#: Grid on which hemispherical integrals are known at least (as in the crate lut-io): largest step, and step as a
+#: share of hypot(w, distance of θi to 0 or 90°).
+_LARGEST_STEP = np.radians(0.5)
+_RELATIVE_STEP = 0.05
+_MIN_STEPS = 4
+#: Incidences at which the half-vector angles of the lobes are tallied: every degree.
+_TALLIES = 91
+
+BAKE = "bake-brdf RECIPE -o pearl.exr"
+
+
+class PearlError(ValueError):
+    """A table or a parameter that makes no BSDF; the message names it, and what would be right."""
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Interference colours over θ (radians) and wavelength (nm): modulation M of the lobes, illuminant Ê of the base.
+
+    Each of the two is None where the table has none, else a pair (θ, values[θ, channel]) per kind of channel.
+    """
+
+    wavelength_nm: np.ndarray
+    modulation: dict | None
+    illuminant: dict | None
+
+    @classmethod
+    def of(cls, section):
+        """From the section `spectra` of the metadata."""
+
+        def part(name, key):
+            found = section.get(name)
+            if found is None:
+                return None
+            theta = np.radians(found["theta_deg"])
+            return {
+                "bands": (theta, np.array(found[key], float)),
+                "rgb": (theta, np.array(found[f"{key}_rgb"], float)),
+            }
+
+        nm = np.array(section["wavelength_nm"], float)
+        steps = np.diff(nm)
+        if len(nm) > 1 and not np.allclose(steps, steps[0], rtol=1e-4):
+            raise PearlError("spectra.wavelength_nm: expected equally spaced bands")
+        return cls(nm, part("coherent", "modulation"), part("illuminant", "emission"))
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with all that evaluating it needs."""
+
+    name: str
+    meta: dict
+    axis: ExitAxis
+    facets: Facets
+    #: Incidences, and w of the decay postulate at each.
+    theta: np.ndarray
+    azimuth_width: np.ndarray
+    #: f·cos θo in 1/sr, [incidence, φ row, column, lobe], float32.
+    values: np.ndarray
+    #: Albedo over θi of interior, surface (single reflection) and rehit: functions of θ.
+    albedo: tuple
+    spectra: Spectra | None
+
+    @cached_property
+    def spans(self):
+        """Ends of the ranges of θi that one pair of rows serves: the incidences, 0 and π/2."""
+        ends = list(self.theta)
+        if ends[0] > 0.0:
+            ends.insert(0, 0.0)
+        if ends[-1] < HALF_PI:
+            ends.append(HALF_PI)
+        return np.array(ends)
+
+    @cached_property
+    def rows_of_spans(self):
+        """The two incidences that each span mixes (the same one outside the table's incidences)."""
+        last = len(self.theta) - 1
+        before = np.searchsorted(self.theta, self.spans[:-1], side="right") - 1
+        after = np.searchsorted(self.theta, self.spans[1:], side="left")
+        before = np.where(before < 0, 0, before)
+        return before, np.where(after > last, last, after)
+
+    def width_at(self, theta_i):
+        """w of the decay postulate, linear between incidences."""
+        return np.interp(theta_i, self.theta, self.azimuth_width)
+
+    @cached_property
+    def corrections(self):
+        """Factors that restore the albedo of what is read, [span, step, lobe], at equal steps of each span."""
+        steps = _integral_steps(self.axis.width)
+        before, after = self.rows_of_spans
+        cells = self.values.reshape(len(self.theta), -1, 2).astype(float)
+        corrections = np.empty((len(before), SPAN_STEPS + 1, 2))
+        for span, (lo, hi) in enumerate(zip(self.spans, self.spans[1:])):
+            inner = steps[(lo < steps) & (steps < hi)]
+            at = np.unique(np.concatenate([inner, lo + (hi - lo) * np.arange(_MIN_STEPS) / _MIN_STEPS, [hi]]))
+            weights = np.array([reading_weights(self.axis, theta, self.width_at(theta)) for theta in at])
+            asked = lo + (hi - lo) * np.arange(SPAN_STEPS + 1) / SPAN_STEPS
+            t = (asked - lo) / (hi - lo)
+            for lobe in range(2):
+                read = [np.interp(asked, at, weights @ cells[row, :, lobe]) for row in (before[span], after[span])]
+                integral = read[0] * (1.0 - t) + read[1] * t
+                share = self.albedo[2 * lobe](asked)
+                corrections[span, :, lobe] = np.where(integral > 0.0, share / np.where(integral > 0, integral, 1), 1.0)
+        return corrections
+
+    @cached_property
+    def measure(self):
+        """dω/dposition at every cell centre at its own incidence, [incidence, φ row, column]."""
+        widths = self.azimuth_width
+        rows = [sampling_measure(self.axis, theta, width) for theta, width in zip(self.theta, widths)]
+        return np.array(rows).reshape(self.values.shape[:3])
+
+    @cached_property
+    def mirror_scale(self):
+        """Over the nodes of `curves`: factor of the closed-form reflection that gives it its share of the light."""
+        integral = np.array([self.facets.integrate(cos)[0].sum() for cos in curves.COS])
+        share = self.albedo[1](curves.THETA)
+        return np.where(integral > 0.0, share / np.where(integral > 0.0, integral, 1.0), 0.0)
+
+    @cached_property
+    def albedos(self):
+        """Albedo at the nodes of `curves` of interior, surface and rehit, brightness 1 and no interference."""
+        return np.array([albedo(curves.THETA) for albedo in self.albedo])
+
+    def coloured_albedos(self, factor):
+        """The same where the light at half-vector angle θd is multiplied by factor[node, channel]."""
+        read = curves.spline_matrix(_TALLIES, np.degrees(curves.THETA))
+        means = [read @ (tally @ factor) for tally in self._half_angles]
+        return np.array([np.maximum(mean, 0.0) * share[:, None] for mean, share in zip(means, self.albedos)])
+
+    @cached_property
+    def _half_angles(self):
+        """Where the lobes' light has its half-vector angles: for interior, surface, rehit a histogram over the nodes
+        of `curves` for each whole degree of incidence, of sum 1 (0 without light)."""
+        tallies = np.zeros((3, _TALLIES, curves.NODES))
+        for degree in range(_TALLIES):
+            # At 90° no light arrives; its limit is what counts.
+            theta_i = min(np.radians(degree), HALF_PI - 1e-6)
+            cos_d, light = self._tabulated_light(theta_i)
+            mass, cos = self.facets.integrate(np.cos(theta_i))
+            for tally, masses, at in zip(tallies, (light[0], mass, light[1]), (cos_d, cos, cos_d)):
+                index, fraction = curves.place(at)
+                tally[degree] += np.bincount(index, (1.0 - fraction) * masses, curves.NODES)
+                tally[degree] += np.bincount(index + 1, fraction * masses, curves.NODES)
+        total = tallies.sum(axis=2, keepdims=True)
+        return np.divide(tallies, total, out=np.zeros_like(tallies), where=total > 0.0)
+
+    def _tabulated_light(self, theta_i):
+        """Light of the tabulated lobes piece by piece: cos θd, and the masses of interior and rehit."""
+        theta_o, weight_o = _midpoints(np.append(np.abs(self.axis.columns_at(theta_i).kinks()), 0.0))
+        if self.axis.plane:
+            x = concentration(theta_i, HALF_PI, self.width_at(theta_i)) * np.sin(theta_o)
+            width = np.clip(0.5 / np.sqrt(np.maximum(x, 1e-300)), 1e-7, 1.0)
+            ends = width[:, None] * np.sinh(np.arange(29) / 28.0 * np.arcsinh(np.pi / width)[:, None])
+            phi, weight_phi = 0.5 * (ends[:, 1:] + ends[:, :-1]), np.diff(ends, axis=1)
+        else:
+            phi, weight_phi = (row[None, :] for row in _midpoints(self.axis.phi_at(theta_i).kinks()))
+        y2 = np.sin(0.5 * phi) ** 2
+        light = self._read(theta_i, theta_o[:, None], y2)
+        weight = 2.0 * weight_o[:, None] * weight_phi * np.sin(theta_o)[:, None]
+        dot = np.cos(theta_i) * np.cos(theta_o)[:, None] - np.sin(theta_i) * np.sin(theta_o)[:, None] * (1 - 2 * y2)
+        cos_d = np.sqrt(np.maximum(0.5 * (1.0 + dot), 0.0))
+        return cos_d.ravel(), [(lobe * weight).ravel() for lobe in np.moveaxis(light, -1, 0)]
+
+    def _read(self, theta_i, theta_o, y2):
+        """f·cos θo of both lobes (last axis) at one incidence; y2 = sin²(φ/2). Short of the correction."""
+        columns = self.axis.columns_at(theta_i)
+        last = len(self.theta) - 1
+        node = int(np.clip(np.searchsorted(self.theta, theta_i, side="right") - 1, 0, max(last - 1, 0)))
+        following = min(node + 1, last)
+        t = 0.0
+        if following > node:
+            t = np.clip((theta_i - self.theta[node]) / (self.theta[following] - self.theta[node]), 0.0, 1.0)
+        values = (1.0 - t) * self.values[node].astype(float) + t * self.values[following]
+
+        def along(row, x):
+            cell, fraction = neighbours(columns.position(x), columns.cells)
+            fraction = fraction[..., None]
+            return values[row, cell] * (1.0 - fraction) + fraction * values[row, cell + 1]
+
+        if self.axis.plane:
+            x = concentration(theta_i, theta_o, self.width_at(theta_i))
+            d = _decay(x, y2)[..., None]
+            return along(0, theta_o) * d + along(0, -theta_o) * (1.0 - d)
+        phi = self.axis.phi_at(theta_i)
+        row, fraction = neighbours(phi.position(2.0 * np.arcsin(np.sqrt(y2))), phi.cells)
+        row, theta_o = np.broadcast_arrays(row, theta_o)
+        fraction = fraction[..., None]
+        return along(row, theta_o) * (1.0 - fraction) + fraction * along(row + 1, theta_o)
+
+
+def _midpoints(nodes):
+    """Midpoints and lengths of the pieces between sorted nodes."""
+    nodes = np.sort(nodes)
+    length = np.diff(nodes)
+    kept = length > 0.0
+    return (0.5 * (nodes[1:] + nodes[:-1]))[kept], length[kept]
+
+
+def _decay(x, y2):
+    """D of docs/LUT-FORMAT.md §4 from y2 = sin²(φ/2)."""
+    floor = np.maximum(x, 1e-9)
+    decayed = np.exp(-2.0 * floor * y2) * np.expm1(-2.0 * floor * (1.0 - y2)) / np.expm1(-2.0 * floor)
+    return np.where(x < 1e-9, 1.0 - y2, decayed)
+
+
+def _integral_steps(width):
+    """Incidences at which integrals are known at least, beside those of the table."""
+    near = [0.0]
+    while near[-1] < 0.25 * np.pi:
+        near.append(min(width * np.sinh(_RELATIVE_STEP * len(near)), near[-1] + _LARGEST_STEP))
+    near = np.array(near)
+    return np.sort(np.concatenate([near, HALF_PI - near, [width, HALF_PI - width]]))
+
+
+def read(path, bitmap):
+    """Reads a table; `bitmap` is Mitsuba's Bitmap class.
+
+    Raises PearlError where there is no file, or one that is not a table.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise PearlError(f"pearl: filename: {path} is not a file; `{BAKE}` bakes one")
+    try:
+        image = bitmap(str(path))
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise PearlError(f"pearl: {path}: cannot be read as OpenEXR ({reason}); `{BAKE}` bakes a table") from None
+    text = image.metadata()["pearl"] if "pearl" in image.metadata() else None
+    if not isinstance(text, str):
+        raise PearlError(f"pearl: {path}: has no attribute `pearl`, so it is no pearl table; `{BAKE}` bakes one")
+    try:
+        return _table(path, json.loads(text), image)
+    except (KeyError, TypeError, IndexError, json.JSONDecodeError) as error:
+        problem = f"{type(error).__name__}: {error}"
+        raise PearlError(f"pearl: {path}: metadata is damaged ({problem}); bake it again: `{BAKE}`") from None
+
+
+def _table(path, meta, image):
+    schema = meta["schema"]
+    if not schema.startswith("pearl-lut/1"):
+        raise PearlError(f"pearl: {path}: schema is {schema!r}, this plugin reads pearl-lut/1: install its newer version")
+    kind = meta["exit_axis"]
+    plane = kind["kind"] == "plane"
+    axis = ExitAxis(
+        plane, kind["cells"] if plane else kind["theta_cells"], 1 if plane else kind["phi_cells"], kind["width"]
+    )
+    summaries = meta["per_incidence"]
+    names = [field.name for field in image.struct_()]
+    pixels = np.array(image, copy=False)
+    expected = (len(summaries) * axis.rows, axis.columns)
+    if pixels.shape[:2] != expected:
+        raise PearlError(f"pearl: {path}: is {pixels.shape[1]} × {pixels.shape[0]} pixels, its metadata say "
+                         f"{expected[1]} × {expected[0]}")  # fmt: skip
+    lobes = []
+    for name in ("interior", "rehit"):
+        if name not in names:
+            raise PearlError(f"pearl: {path}: has no channel {name!r}; bake it again: `{BAKE}`")
+        lobe = pixels[:, :, names.index(name)]
+        if not (np.isfinite(lobe).all() and (lobe >= 0).all()):
+            raise PearlError(f"pearl: {path}: channel {name!r} has a value that is not finite or negative")
+        lobes.append(lobe)
+    values = np.stack(lobes, axis=-1).astype(np.float32).reshape(len(summaries), axis.rows, axis.columns, 2)
+
+    def column(key):
+        return np.array([summary[key] for summary in summaries], float)
+
+    theta = np.radians(column("theta_i_deg"))
+    interior, surface, rehit = (
+        curves.monotone(theta, share)
+        for share in (np.maximum(column("albedo") - column("surface"), 0.0), column("surface"), column("rehit"))
+    )
+    single = lambda at: np.maximum(surface(at) - rehit(at), 0.0)  # noqa: E731
+    spectra = Spectra.of(meta["spectra"]) if "spectra" in meta else None
+    return Table(
+        str(path), meta, axis, Facets.of(meta["surface_model"]), theta, np.radians(column("azimuth_width_deg")), values,
+        (interior, single, rehit), spectra,
+    )  # fmt: skip
