@@ -194,6 +194,7 @@ fn small_state(paths: u64) -> Snapshot {
     let request = Request {
         effects: effects_of(&recipe),
         recipe,
+        listed: false,
         incident_deg: vec![40.0],
         target: Target::Paths(paths),
         seed: 3,

@@ -5,7 +5,8 @@
 //! from the same count: E z² and Var z² are summed exactly over the binomial distribution of the count. The sum of
 //! z² over seeds and cells, standardised, is normal: a two-sided p-value.
 
-use bake_brdf::bake::{self, Observer, Request, Target, effects_of};
+use bake_brdf::bake::{self, Observer, Request, Target};
+use bake_brdf::effects::Effect;
 use bake_brdf::recipe::Recipe;
 use lut_io::table::Table;
 use statrs::distribution::{Binomial, ContinuousCDF as _, Discrete as _, DiscreteCDF as _, Normal};
@@ -19,8 +20,9 @@ const SIGNIFICANCE: f64 = 1e-3;
 fn request(incident_deg: &[f64], paths: u64, seed: u64) -> Request {
     let recipe = Recipe::default();
     Request {
-        effects: effects_of(&recipe),
+        effects: [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect(),
         recipe,
+        listed: false,
         incident_deg: incident_deg.to_vec(),
         target: Target::Paths(paths),
         seed,

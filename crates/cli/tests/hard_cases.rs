@@ -6,7 +6,8 @@
 #[path = "hard_cases/naive.rs"]
 mod naive;
 
-use bake_brdf::bake::{self, Request, Target, effects_of};
+use bake_brdf::bake::{self, Observer, Request, Target};
+use bake_brdf::effects::Effect;
 use bake_brdf::recipe::Recipe;
 use bake_brdf::tally::{CHUNK, Cells, Tally};
 use lut_io::axis::ExitAxis;
@@ -92,6 +93,10 @@ enum Measure {
     },
     Sample {
         wi: [f64; 3],
+    },
+    Refused {
+        stack: Stack,
+        theta_i_deg: f64,
     },
 }
 
@@ -348,6 +353,17 @@ fn run(measure: &Measure) -> Result<Found, String> {
             Ok(Found { answer, naive, ours, error, unit: if answer > 0.0 { " relative" } else { "" } })
         }
         Measure::Sample { wi } => Ok(sample(unit(*wi))),
+        Measure::Refused { stack, theta_i_deg } => {
+            match doubled(&stack.transport(), Shape::Plane, *theta_i_deg) {
+                // One line that names a number and its range; no number is better than a smeared one.
+                Err(why) if why.lines().count() == 1 && why.contains('=') => {
+                    let refused = f64::INFINITY;
+                    Ok(Found { answer: refused, naive: refused, ours: refused, error: 0.0, unit: "" })
+                }
+                Err(why) => Err(format!("refused without a reason: {why}")),
+                Ok(shares) => Err(format!("not refused: albedo {}", shares.albedo)),
+            }
+        }
     }
 }
 
@@ -370,21 +386,27 @@ fn sum(weight: f64, doublings: u32) -> Found {
     let paths = CHUNK << doublings;
     assert_eq!(tally.paths, paths);
     assert_eq!(tally.component(Component::Interior).count.iter().sum::<u64>(), paths, "a path was lost");
-    Found::absolute(weight, naive::f32_sum(weight as f32, paths) / paths as f64, tally.summary(0.0).albedo)
+    let naive = naive::f32_sum(weight as f32, paths) / paths as f64;
+    // The walk's weights are f32: a third is the nearest of those.
+    Found::absolute(f64::from(weight as f32), naive, tally.summary(0.0).albedo)
 }
 
-fn solution(incident_deg: &[f64]) -> Table {
+fn paper(incident_deg: &[f64]) -> Request {
     let recipe = Recipe::default();
-    let request = Request {
-        effects: effects_of(&recipe),
+    Request {
+        effects: [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect(),
         recipe,
+        listed: false,
         incident_deg: incident_deg.to_vec(),
         target: Target::AccuracyPercent(0.01),
         seed: 1,
         event_cap: bake::DEFAULT_EVENT_CAP,
         precision: Precision::Auto,
-    };
-    bake::doubling(&request).expect("the paper's pearl")
+    }
+}
+
+fn solution(incident_deg: &[f64]) -> Table {
+    bake::doubling(&paper(incident_deg)).expect("the paper's pearl")
 }
 
 /// The paper's pearl at every 5°.
@@ -404,7 +426,9 @@ fn bsdf() -> &'static PearlBsdf {
 
 /// Worst relative difference between Σ value·weight and the ledger over the stored rows.
 fn storage() -> Found {
-    let table = lobe().table();
+    // A walk: its shares are whole numbers of paths.
+    let request = Request { target: Target::Paths(20_000), ..paper(&[10.0, 30.0, 60.0, 85.0]) };
+    let table = bake::walk(&request, &Observer::idle(), None).expect("a walk");
     let cells = table.meta.exit_axis.cells();
     let (mut ours, mut naive) = (0.0_f64, 0.0_f64);
     for (i, at) in table.meta.per_incidence.iter().enumerate() {
@@ -500,6 +524,7 @@ fn catalogue() -> Vec<Case> {
 fn number(value: f64) -> String {
     match value {
         v if v.is_nan() => "NaN".to_owned(),
+        v if v.is_infinite() => "—".to_owned(),
         v if v == 0.0 || (1e-3..1e4).contains(&v.abs()) => format!("{v:.6}"),
         v => format!("{v:.2e}"),
     }

@@ -6,8 +6,9 @@
 
 use super::{BakeError, Observer, Request, Target, assemble};
 use crate::bake::sampling::{self, Shard};
-use crate::effects::Effect;
+use crate::effects::{Effect, EffectSet};
 use crate::recipe::Recipe;
+use crate::spectra::MISSING_KEY;
 use lut_io::table::{Component, IncidenceSummary, Lobe, Meta, Solver, Table};
 use serde::Serialize;
 use serde_json::Value;
@@ -54,9 +55,15 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
         let unknown = || BakeError::Input(format!("effects: {name:?} is not an effect of this version"));
         Effect::from_name(name).ok_or_else(unknown)
     };
+    let mut effects = meta.effects.iter().map(effect).collect::<Result<EffectSet, _>>()?;
+    if meta.extra.contains_key(MISSING_KEY) {
+        // Colours that this stack could not have were asked for by its look.
+        effects = effects.union(super::effects_of(&recipe));
+    }
     let request = Request {
         recipe,
-        effects: meta.effects.iter().map(effect).collect::<Result<_, _>>()?,
+        effects,
+        listed: false,
         incident_deg: meta.per_incidence.iter().map(|at| at.theta_i_deg).collect(),
         target: target(meta)?,
         seed: meta.seed,
@@ -111,7 +118,8 @@ pub fn bake_again(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeErr
     let paths: Vec<u64> = meta.per_incidence.iter().map(|at| at.paths).collect();
     let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
     sampling.walk_to_each(&paths, observer)?;
-    Ok(assemble::walk_table(&request, &transport, &axis, &sampling))
+    let table = assemble::walk_table(&request, &transport, &axis, &sampling);
+    super::coloured(&request, table, &request.colours()?)
 }
 
 /// Every key of the metadata and every channel in which two tables are not the same bit for bit.
@@ -191,6 +199,7 @@ mod tests {
         let request = Request {
             effects: bake::effects_of(&recipe),
             recipe,
+            listed: false,
             incident_deg: incident_deg.to_vec(),
             target,
             seed: 5,

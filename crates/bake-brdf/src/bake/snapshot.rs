@@ -179,6 +179,11 @@ impl Snapshot {
         if [tallies.len(), position.len(), targets.len()] != [self.incident_deg.len(); 3] {
             return Err("it has other numbers of tallies than of incidences");
         }
+        // A NaN would make a state that does not even belong to its own bake.
+        let angles = self.incident_deg.iter().all(|angle| (0.0..=90.0).contains(angle));
+        if !angles || matches!(self.target, Target::AccuracyPercent(percent) if percent.is_nan()) {
+            return Err("it has an incidence or an accuracy that no bake can have");
+        }
         if position.iter().chain(targets).any(|&paths| paths > sampling::MAX_PATHS) {
             return Err("it claims more paths than a bake can have");
         }
