@@ -336,7 +336,7 @@ impl Decisions {
     /// An effect that this version does not simulate.
     pub fn of_list(recipe: &Recipe, asked: EffectSet) -> Result<Self, EffectError> {
         for effect in asked.iter() {
-            if let Err(why) = simulated(effect) {
+            if let Err(why) = simulated(effect, recipe) {
                 return Err(EffectError::NotSimulated { effect, why });
             }
         }
@@ -348,6 +348,11 @@ impl Decisions {
                 (_, true) => "blur in --effects needs it".to_owned(),
                 _ => "not listed in --effects".to_owned(),
             };
+            if matches!((effect, listed), (Effect::Polarisation | Effect::CoherentSheets, true))
+                && !asked.contains(Effect::Blur)
+            {
+                why = format!("{why}, though it acts on blur alone, which is not");
+            }
             if effect == Effect::Azimuth && (listed || needed) {
                 why = format!("{}; {why}", mode_text(recipe.azimuth.mode));
             }
@@ -372,7 +377,7 @@ impl Decisions {
             if matches!(effect, Effect::Polarisation | Effect::CoherentSheets | Effect::Texture) {
                 return decide(effect, recipe, view);
             }
-            match matter(effect, recipe).and_then(|what| simulated(effect).map(|()| what)) {
+            match matter(effect, recipe).and_then(|what| simulated(effect, recipe).map(|()| what)) {
                 Ok(what) => Decision { effect, on: true, why: format!("--effects all; {what}") },
                 Err(lack) => Decision { effect, on: false, why: lack },
             }
@@ -413,12 +418,9 @@ fn matter(effect: Effect, recipe: &Recipe) -> Result<String, String> {
         Effect::Surface => Ok("every pearl has a surface".to_owned()),
         Effect::Azimuth => matter(Effect::Blur, recipe).map(|_| mode_text(recipe.azimuth.mode).to_owned()),
         Effect::Blur => blur_matter(recipe),
-        Effect::Absorption => {
-            blur_matter(recipe)?;
-            absorbing(recipe).ok_or_else(|| {
-                format!("no layer absorbs at {} nm (every k is 0)", recipe.light.wavelength_nm)
-            })
-        }
+        Effect::Absorption => absorbing(recipe)
+            .or_else(|| absorbing_elsewhere(recipe))
+            .ok_or_else(|| "no layer absorbs (every k is 0)".to_owned()),
         Effect::Dispersion => {
             dispersive(recipe).ok_or_else(|| "every index is the same at all wavelengths".to_owned())
         }
@@ -435,14 +437,14 @@ fn matter(effect: Effect, recipe: &Recipe) -> Result<String, String> {
     }
 }
 
-/// Whether anything that enters can come back: an interface inside that reflects.
+/// Whether what enters is worth following: an interface inside that reflects, or a layer that absorbs.
 fn blur_matter(recipe: &Recipe) -> Result<String, String> {
     let count = recipe.stack.layer_count();
     let Ok(transport) = recipe.transport(recipe.wavelength()) else {
         // The bake itself says what is wrong with the recipe.
         return Ok(format!("{count} layers"));
     };
-    // Layers that only absorb send nothing back either, but their ledger is walked.
+    // Layers that absorb are walked for what they absorb.
     if transport.indices[1..].windows(2).all(|pair| pair[0] == pair[1]) && !transport.absorbs() {
         return Err(format!(
             "no interface under the surface reflects: every index there is {}",
@@ -456,6 +458,32 @@ fn absorbing(recipe: &Recipe) -> Option<String> {
     let transport = recipe.transport(recipe.wavelength()).ok()?;
     let layer = transport.optical_depths.iter().position(|depth| *depth > 0.0)?;
     Some(format!("layer {} absorbs at {} nm", layer + 1, recipe.light.wavelength_nm))
+}
+
+/// A layer that absorbs at some wavelength, if not at that of the walk.
+fn absorbing_elsewhere(recipe: &Recipe) -> Option<String> {
+    let absorbs = |layer: &crate::recipe::Layer| match &layer.n {
+        Some(Dispersion::Table(rows)) => rows.iter().any(|row| row[2] > 0.0),
+        _ => layer.k > 0.0,
+    };
+    let stack = &recipe.stack;
+    let any = match &stack.explicit {
+        Some(layers) => layers.iter().any(absorbs),
+        None => absorbs(&stack.aragonite) || (stack.layer_count() > 1 && absorbs(&stack.conchiolin)),
+    };
+    any.then(|| format!("a layer absorbs, though not at the walk's {} nm", recipe.light.wavelength_nm))
+}
+
+/// Absorption acts on the blur at the walk's wavelength, and on interference colours at all.
+fn absorption(recipe: &Recipe, view: &View) -> Verdict {
+    let blur = needs_blur(recipe, view);
+    let colours = coherent(view).is_ok() || illuminant(view).is_ok();
+    match (blur, absorbing(recipe)) {
+        (Ok(()), Some(what)) => Ok(what),
+        (Err(blur), _) if !colours => Err(format!("{blur}, and no interference is shown")),
+        _ if colours => matter(Effect::Absorption, recipe),
+        _ => Err(format!("no layer absorbs at {} nm", recipe.light.wavelength_nm)),
+    }
 }
 
 fn dispersive(recipe: &Recipe) -> Option<String> {
@@ -486,15 +514,33 @@ fn irregular(recipe: &Recipe) -> Option<String> {
     Some(format!("stack.{name}.thickness_sd_nm is {}", layer.thickness_sd_nm))
 }
 
+/// Whether a recipe has matter for an effect and this version simulates it there.
+///
+/// # Errors
+/// What is missing, as a line of text.
+pub fn available(effect: Effect, recipe: &Recipe) -> Result<(), String> {
+    matter(effect, recipe)?;
+    simulated(effect, recipe)
+}
+
 /// Whether this version simulates an effect; `Err` says what it does in its place.
-fn simulated(effect: Effect) -> Result<(), String> {
-    let instead = match effect {
-        Effect::Polarisation => "every event of the walk meets unpolarised light",
-        Effect::Dispersion => "the lobe is that of the recipe's light.wavelength_nm at every wavelength",
-        Effect::CoherentSheets => "intensities are added across the faces of each sheet",
-        _ => return Ok(()),
-    };
-    Err(format!("in this version {instead}"))
+fn simulated(effect: Effect, recipe: &Recipe) -> Result<(), String> {
+    match effect {
+        Effect::Polarisation if recipe.azimuth.mode == AzimuthMode::Walk => Err(
+            "s and p are tracked in the plane of incidence only: azimuth decay has it, azimuth walk has not"
+                .to_owned(),
+        ),
+        Effect::Dispersion => {
+            let nm = recipe.light.wavelength_nm;
+            Err(format!(
+                "in this version the lobe is that of the recipe's light.wavelength_nm ({nm}) at every wavelength"
+            ))
+        }
+        Effect::CoherentSheets => {
+            recipe.sheet_transport(recipe.wavelength()).map(|_| ()).map_err(|why| why.to_string())
+        }
+        _ => Ok(()),
+    }
 }
 
 /// One decision, of the recipe and the view. `Ok`: on, and why; `Err`: off, and why.
@@ -503,9 +549,8 @@ fn decide(effect: Effect, recipe: &Recipe, view: &View) -> Decision {
         Effect::Surface => lobe_is_seen(view, view.shown.value.mirror, "mirror"),
         Effect::Blur => lobe_is_seen(view, view.shown.value.blur, "blur")
             .and_then(|seen| blur_matter(recipe).map(|what| format!("{what}; {seen}"))),
-        Effect::Azimuth | Effect::Absorption => {
-            needs_blur(recipe, view).and_then(|()| matter(effect, recipe))
-        }
+        Effect::Azimuth => needs_blur(recipe, view).and_then(|()| matter(effect, recipe)),
+        Effect::Absorption => absorption(recipe, view),
         Effect::Polarisation => polarisation(recipe, view),
         Effect::Dispersion => needs_blur(recipe, view).and_then(|()| dispersion(recipe, view)),
         Effect::Coherent => coherent(view),
@@ -518,7 +563,7 @@ fn decide(effect: Effect, recipe: &Recipe, view: &View) -> Decision {
             None => matter(effect, recipe),
         },
     };
-    let verdict = verdict.and_then(|why| match simulated(effect) {
+    let verdict = verdict.and_then(|why| match simulated(effect, recipe) {
         Ok(()) => Ok(why),
         Err(lack) => Err(format!("{why}; not simulated: {lack}")),
     });
@@ -692,7 +737,11 @@ mod tests {
         let mono = View { colour: Setting::new(ColourMode::Mono, "s:1"), ..view.clone() };
         assert_eq!(why(&mono, Effect::Dispersion), "the variant has one band (s:1)");
         let polarised = View { polarised: Setting::new(true, "s:1"), ..view.clone() };
-        assert!(why(&polarised, Effect::Polarisation).starts_with("the variant is polarised (s:1)"));
+        assert_eq!(why(&polarised, Effect::Polarisation), "the variant is polarised (s:1)");
+        let mut space = recipe.clone();
+        space.azimuth.mode = AzimuthMode::Walk;
+        let decision = Decisions::of(&space, &polarised).get(Effect::Polarisation).clone();
+        assert!(!decision.on && decision.why.contains("azimuth decay has it"), "{decision:?}");
         assert!(why(&view, Effect::Polarisation).starts_with("the variant is not polarised"));
     }
 

@@ -6,6 +6,7 @@ use crate::bake::{self, BakeError, Observer, Request, SolverChoice, Target};
 use crate::effects::{Asked, Decisions, Effect, EffectError, EffectSet, View};
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::scene::Scene;
+use crate::spectra::{self, Wanted};
 use serde::Serialize;
 use transport::walk::lanes::Precision;
 
@@ -59,6 +60,8 @@ pub struct PlannedPearl {
     pub recipe: Recipe,
     /// Where that was found.
     pub recipe_from: String,
+    /// How it is looked at.
+    pub view: View,
     /// Its effects and why.
     pub decisions: Decisions,
     /// What each effect costs, in the model's order; 0 for one that is off, or that another pearl's table holds anyway.
@@ -194,6 +197,7 @@ fn planned(
         shapes,
         recipe,
         recipe_from,
+        view: view.clone(),
         decisions,
         costs: [Cost::default(); 12],
         table: None,
@@ -251,13 +255,17 @@ pub fn solver(request: &Request, choice: Option<SolverChoice>) -> Result<SolverC
 }
 
 /// What each effect of a request costs: the bake with it less the bake without it, the lobe's rest under `blur` (under
-/// `surface` where there is no blur).
-fn costs(request: &Request, solver: SolverChoice) -> Result<[Cost; 12], BakeError> {
+/// `surface` where there is no blur). In the order of [`Effect::ALL`].
+///
+/// # Errors
+/// As the bake's own checks.
+pub fn costs(request: &Request, solver: SolverChoice) -> Result<[Cost; 12], BakeError> {
     let mut costs = [Cost::default(); 12];
     let set = request.effects;
     let file = Cost { seconds: OVERHEAD_SECONDS, bytes: HEADER_BYTES };
     let body = if set.has_lobe() { Effect::Surface } else { Effect::Body };
     costs[body as usize] = file;
+    interference_costs(request, &mut costs);
     if set.has_lobe() {
         let whole = lobe_cost(request, solver)?;
         let mut left = whole;
@@ -287,6 +295,29 @@ fn costs(request: &Request, solver: SolverChoice) -> Result<[Cost; 12], BakeErro
     }
     Ok(costs)
 }
+
+/// Adds what the interference colours cost; of it, what irregular thicknesses add is `irregularity`'s.
+fn interference_costs(request: &Request, costs: &mut [Cost; 12]) {
+    let set = request.effects;
+    let threads = rayon::current_num_threads() as f64;
+    let seconds = |set: EffectSet| {
+        let wanted = Wanted::by_effects(set, false);
+        spectra::forecast(&request.recipe, wanted).map(|seconds| seconds / threads)
+    };
+    let whole = seconds(set);
+    let regular = seconds(set.without(Effect::Irregularity));
+    for (i, effect) in [Effect::Coherent, Effect::Illuminant].into_iter().enumerate() {
+        if set.contains(effect) {
+            let own = whole[i].min(regular[i]);
+            costs[effect as usize] = Cost { seconds: own, bytes: SPECTRUM_BYTES[i] };
+            costs[Effect::Irregularity as usize].seconds += whole[i] - own;
+        }
+    }
+}
+
+/// Bytes of M and Ê in the metadata: 91 and 31 angles of 80 bands as JSON text (a regular stack's M; an irregular one's
+/// has 31 angles too).
+const SPECTRUM_BYTES: [u64; 2] = [80_000, 27_000];
 
 /// Reading, assembling and writing a table, beside the solver: seconds (measured) and bytes of the file's header and
 /// metadata.

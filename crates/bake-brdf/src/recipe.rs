@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use thinfilm::{Dispersion, Material};
-use transport::{Facets, Normals, Transport};
+use transport::{Facets, Normals, Sheets, Transport};
 
 /// Schema name of the recipes that this version reads.
 pub const SCHEMA: &str = "pearl-recipe/1";
@@ -275,7 +275,11 @@ impl Recipe {
                     path if path == "." => String::new(),
                     path => format!("{path}: "),
                 },
-                message: error.inner().to_string(),
+                // The deserializer names Rust's type.
+                message: error
+                    .inner()
+                    .to_string()
+                    .replace("expected usize", "expected a whole number, 1 or more"),
             })?;
         deserializer
             .end()
@@ -421,6 +425,66 @@ impl Recipe {
             indices,
             optical_depths,
             facets: Facets { slope_sd: self.facets.slope_sd_deg.to_radians(), normals: self.facets.normals },
+            light: transport::Light::Unpolarised,
+            sheets: None,
+        })
+    }
+}
+
+impl Recipe {
+    /// The transport problem with each conchiolin sheet one coherent scatterer (effect `coherent_sheets`): what is left of
+    /// the layers is the aragonite. Sheets have their mean thickness.
+    ///
+    /// # Errors
+    /// As [`Recipe::transport`]; a stack without sheets, absorbing sheets, sheets thicker than a quarter of a wave, or a last
+    /// sheet on a substrate of another index than aragonite's.
+    pub fn sheet_transport(&self, wavelength: f64) -> Result<Transport, RecipeError> {
+        let stack = &self.stack;
+        let whole = self.transport(wavelength)?;
+        let layers = stack.layer_count();
+        if stack.explicit.is_some() || layers < 2 {
+            let found =
+                if stack.explicit.is_some() { "an explicit list".to_owned() } else { layers.to_string() };
+            let expected = "coherent_sheets needs a stack of aragonite and conchiolin, at least 2 layers";
+            return Err(wrong("stack.layers", found, expected));
+        }
+        if whole.optical_depths[1] > 0.0 {
+            let found = format!("absorbs at {} nm", 1e9 * wavelength);
+            return Err(wrong(
+                "stack.conchiolin.k",
+                found,
+                "coherent_sheets needs sheets that do not absorb",
+            ));
+        }
+        let [ambient, aragonite, conchiolin] = [whole.indices[0], whole.indices[1], whole.indices[2]];
+        let substrate = whole.indices[layers + 1];
+        let ends_on_sheet = layers.is_multiple_of(2);
+        if ends_on_sheet && substrate != aragonite {
+            let expected = format!(
+                "coherent_sheets needs aragonite ({aragonite}) on both sides of a sheet: give the substrate that index, or an odd number of layers"
+            );
+            return Err(wrong("stack.substrate.n", substrate, expected));
+        }
+        let thickness = stack.conchiolin.resolved().thickness;
+        let phase = 2.0 * std::f64::consts::PI * thickness / wavelength;
+        if conchiolin * phase > std::f64::consts::FRAC_PI_2 {
+            let most = 0.25e9 * wavelength / conchiolin;
+            let expected = format!("coherent_sheets needs at most a quarter of a wave, {most:.1} nm here");
+            return Err(wrong("stack.conchiolin.thickness_nm", 1e9 * thickness, expected));
+        }
+        let count = layers.div_ceil(2);
+        let mut indices = vec![ambient];
+        indices.resize(count + 1, aragonite);
+        indices.push(substrate);
+        Ok(Transport {
+            indices,
+            optical_depths: vec![whole.optical_depths[0]; count],
+            sheets: Some(Sheets {
+                index: conchiolin,
+                phase,
+                last: if ends_on_sheet { count } else { count - 1 },
+            }),
+            ..whole
         })
     }
 }
@@ -613,6 +677,26 @@ mod tests {
     }
 
     #[test]
+    fn sheets_take_the_place_of_conchiolin() {
+        let sheets = |text: &str| Recipe::from_json(text).unwrap().sheet_transport(550e-9);
+        let even = sheets("{}").unwrap();
+        assert_eq!((even.layers(), even.indices.len(), even.sheets.unwrap().last), (250, 252, 250));
+        assert!(even.indices[1..].iter().all(|n| *n == 1.53));
+        let odd = sheets(r#"{"stack":{"layers":7,"substrate":{"n":1.6}}}"#).unwrap();
+        assert_eq!((odd.layers(), odd.indices[5], odd.sheets.unwrap().last), (4, 1.6, 3));
+        for (text, said) in [
+            (r#"{"stack":{"layers":1}}"#, "stack.layers: 1 is not valid; coherent_sheets"),
+            (r#"{"stack":{"explicit":[{"n":1.5,"thickness_nm":9}]}}"#, "stack.layers: an explicit list"),
+            (r#"{"stack":{"conchiolin":{"k":0.1}}}"#, "stack.conchiolin.k: absorbs at 550 nm"),
+            (r#"{"stack":{"substrate":{"n":1.6}}}"#, "stack.substrate.n: 1.6"),
+            (r#"{"stack":{"conchiolin":{"thickness_nm":97}}}"#, "stack.conchiolin.thickness_nm: 97"),
+        ] {
+            let line = sheets(text).unwrap_err().to_string();
+            assert!(line.contains(said) && !line.contains('\n'), "{line}");
+        }
+    }
+
+    #[test]
     fn nonsense_is_refused_in_one_line_that_names_the_field() {
         for (text, field) in [
             (r#"{"stak":{}}"#, "stak"),
@@ -623,6 +707,10 @@ mod tests {
             (r#"{"stack":{"aragonite":{"n":0}}}"#, "stack.aragonite.n"),
             (r#"{"stack":{"substrate":{"n":"glass"}}}"#, "stack.substrate.n"),
             (r#"{"stack":{"conchiolin":{"k":-1}}}"#, "stack.conchiolin.k"),
+            (
+                r#"{"stack":{"layers":-1}}"#,
+                "stack.layers: invalid value: integer `-1`, expected a whole number",
+            ),
             (r#"{"stack":{"explicit":[]}}"#, "stack.explicit"),
             (r#"{"stack":{"explicit":[{"n":1.5}]}}"#, "stack.explicit[0].thickness_nm"),
             (r#"{"stack":{"layers":3,"explicit":[{"n":1.5,"thickness_nm":10}]}}"#, "stack.layers"),

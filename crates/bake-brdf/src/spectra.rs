@@ -20,7 +20,7 @@ use lut_io::table::Meta;
 use rayon::prelude::*;
 use thinfilm::illuminant::SourceProfile;
 use thinfilm::{Dispersion, Material, Stack, StackError, StackRun, colour, ensemble, modulation};
-use transport::Transport;
+use transport::{Light, Transport};
 
 /// Bands over the visible range of [`colour::VISIBLE`]: 5 nm each.
 const BANDS: usize = 80;
@@ -38,6 +38,8 @@ const REFLECTANCE_WORK: f64 = 3e9;
 const IRREGULAR_WORK: f64 = 5e7;
 const FIELD_WORK: f64 = 7e8;
 const SLOW_FIELD_WORK: f64 = 2e7;
+/// Seconds of one core behind each of these.
+const BUDGET_SECONDS: f64 = 3.0;
 /// Members of an ensemble of irregular stacks: at least, and as many as bring the hue to ΔE00 ≈ 0.5.
 const FEWEST_MEMBERS: f64 = 2.0;
 const MEMBERS: f64 = 64.0;
@@ -96,6 +98,10 @@ pub struct Wanted {
     pub irregularity: bool,
     /// Whether layers absorb (effect `absorption`).
     pub absorption: bool,
+    /// Whether the lobe's walk tracks s and p (effect `polarisation`), which changes what it reflects.
+    pub polarisation: bool,
+    /// Whether the lobe's walk meets coherent sheets (effect `coherent_sheets`).
+    pub coherent_sheets: bool,
 }
 
 impl Wanted {
@@ -114,6 +120,8 @@ impl Wanted {
             illuminant: want(effects.contains(Effect::Illuminant), listed),
             irregularity: effects.contains(Effect::Irregularity),
             absorption: effects.contains(Effect::Absorption),
+            polarisation: effects.contains(Effect::Polarisation),
+            coherent_sheets: effects.contains(Effect::CoherentSheets),
         }
     }
 }
@@ -192,18 +200,29 @@ enum Part {
     Illuminant(Illuminant),
 }
 
-fn coherent(recipe: &Recipe, wanted: Wanted) -> Result<Coherent, SpectraError> {
-    let mut transport = recipe.transport(recipe.wavelength())?;
+/// The walk whose lobe the coherent colours multiply.
+fn walked(recipe: &Recipe, wanted: Wanted) -> Result<Transport, RecipeError> {
+    let wavelength = recipe.wavelength();
+    let mut transport = if wanted.coherent_sheets {
+        recipe.sheet_transport(wavelength)
+    } else {
+        recipe.transport(wavelength)
+    }?;
     if !wanted.absorption {
         transport.optical_depths.fill(0.0);
     }
+    if wanted.polarisation {
+        transport.light = Light::Tracked;
+    }
+    Ok(transport)
+}
+
+fn coherent(recipe: &Recipe, wanted: Wanted) -> Result<Coherent, SpectraError> {
+    let transport = walked(recipe, wanted)?;
     let stack = wave_stack(recipe, wanted);
-    let theta_deg = angles_deg(if stack.is_irregular() { STEP_DEG } else { FINE_STEP_DEG });
+    let (theta_deg, effort) = coherent_effort(&stack);
+    let Effort { per_band, members, .. } = effort;
     let angles = radians(&theta_deg);
-    // Repeated units of a long stack are doubled.
-    let layers = (stack.layer_count() as usize).min(DEEPEST);
-    let work = if stack.is_irregular() { IRREGULAR_WORK } else { REFLECTANCE_WORK };
-    let Effort { per_band, members } = Effort::new(work, layers, angles.len(), stack.is_irregular());
     let wavelengths = colour::wavelengths(BANDS * per_band + 1);
     let reflectance = ensemble::mean(&stack, SEED, members, &wavelengths, &angles)?.reflectance;
     let rows: Vec<Row> = angles
@@ -228,11 +247,9 @@ fn illuminant(recipe: &Recipe, wanted: Wanted) -> Result<Illuminant, SpectraErro
     // Refuses what the bake refuses, with its words.
     recipe.transport(recipe.wavelength())?;
     let stack = shortened(wave_stack(recipe, wanted), DEEPEST);
-    let theta_deg = angles_deg(STEP_DEG);
+    let (theta_deg, effort) = illuminant_effort(&stack);
+    let Effort { per_band, members, .. } = effort;
     let angles = radians(&theta_deg);
-    let work = if wanted.absorption || stack.is_irregular() { SLOW_FIELD_WORK } else { FIELD_WORK };
-    let layers = stack.layer_count() as usize;
-    let Effort { per_band, members } = Effort::new(work, layers, angles.len(), stack.is_irregular());
     let wavelengths = colour::wavelengths(BANDS * per_band + 1);
     let emission =
         modulation::illuminant(&stack, SourceProfile::Uniform, SEED, members, &wavelengths, &angles)?;
@@ -252,6 +269,56 @@ fn illuminant(recipe: &Recipe, wanted: Wanted) -> Result<Illuminant, SpectraErro
     })
 }
 
+/// Angles of M, and how finely it is sampled.
+fn coherent_effort(stack: &Stack) -> (Vec<f64>, Effort) {
+    let irregular = stack.is_irregular();
+    let theta_deg = angles_deg(if irregular { STEP_DEG } else { FINE_STEP_DEG });
+    // Repeated units of a long stack are doubled.
+    let layers = (stack.layer_count() as usize).min(DEEPEST);
+    let work = if irregular { IRREGULAR_WORK } else { REFLECTANCE_WORK };
+    let effort = Effort::new(work, layers, theta_deg.len(), irregular);
+    (theta_deg, effort)
+}
+
+/// Angles of Ê, and how finely it is sampled.
+fn illuminant_effort(stack: &Stack) -> (Vec<f64>, Effort) {
+    let irregular = stack.is_irregular();
+    let theta_deg = angles_deg(STEP_DEG);
+    let work = if has_slow_fields(stack) { SLOW_FIELD_WORK } else { FIELD_WORK };
+    let effort = Effort::new(work, stack.layer_count() as usize, theta_deg.len(), irregular);
+    (theta_deg, effort)
+}
+
+/// Whether fields need the slow form: in irregular stacks and in those that absorb.
+fn has_slow_fields(stack: &Stack) -> bool {
+    let absorbs = |material: &Material| {
+        let in_table = matches!(&material.n, Dispersion::Table(rows) if rows.iter().any(|row| row[2] != 0.0));
+        material.k != 0.0 || in_table
+    };
+    stack.is_irregular() || stack.materials.iter().any(absorbs)
+}
+
+/// Seconds of one core that M and Ê take, each 0 where it is not wanted.
+#[must_use]
+pub fn forecast(recipe: &Recipe, wanted: Wanted) -> [f64; 2] {
+    // A work budget stands for so many seconds, whatever the kind of stack.
+    let seconds = |work: f64, effort: &Effort| BUDGET_SECONDS * effort.work / work;
+    let stack = wave_stack(recipe, wanted);
+    let coherent = || {
+        let work = if stack.is_irregular() { IRREGULAR_WORK } else { REFLECTANCE_WORK };
+        seconds(work, &coherent_effort(&stack).1)
+    };
+    let illuminant = || {
+        let stack = shortened(stack.clone(), DEEPEST);
+        let work = if has_slow_fields(&stack) { SLOW_FIELD_WORK } else { FIELD_WORK };
+        seconds(work, &illuminant_effort(&stack).1)
+    };
+    [
+        if wanted.coherent == Want::No { 0.0 } else { coherent() },
+        if wanted.illuminant == Want::No { 0.0 } else { illuminant() },
+    ]
+}
+
 /// One angle.
 struct Row {
     bands: Vec<f64>,
@@ -266,6 +333,8 @@ struct Effort {
     per_band: usize,
     /// Members of an ensemble.
     members: u64,
+    /// Layers × wavelengths × angles × polarisations × members.
+    work: f64,
 }
 
 impl Effort {
@@ -279,7 +348,12 @@ impl Effort {
             1.0
         };
         let per_band = (affordable / members).clamp(1.0, FINEST);
-        Self { per_band: per_band as usize, members: members as u64 }
+        let per_band = per_band.floor();
+        Self {
+            per_band: per_band as usize,
+            members: members as u64,
+            work: a_wavelength_a_band * per_band * members,
+        }
     }
 }
 
@@ -370,41 +444,68 @@ fn shortened(mut stack: Stack, most: usize) -> Stack {
     stack
 }
 
-/// Reflectance of the stack when intensities add: the walk with flat interfaces.
+/// Reflectance of the stack when intensities add: the walk with flat interfaces, in the walk's light and at its sheets.
 fn incoherent_reflectance(transport: &Transport, theta: f64) -> f64 {
+    let pile = |share_of_s: f64| pile_reflectance(transport, theta, share_of_s);
+    let reflectance = match transport.light {
+        Light::Unpolarised => pile(0.5),
+        Light::Tracked => 0.5 * (pile(1.0) + pile(0.0)),
+        Light::S => pile(1.0),
+        Light::P => pile(0.0),
+    };
+    // A stack that matches the ambient reflects nothing coherently either; the floor keeps the quotient finite.
+    reflectance.max(1e-6)
+}
+
+/// The same for light of which a share is s at every event.
+fn pile_reflectance(transport: &Transport, theta: f64, share_of_s: f64) -> f64 {
     let indices = &transport.indices;
     let sin = indices[0] * theta.sin();
     let cos = |n: f64| (1.0 - (sin / n).powi(2)).max(0.0).sqrt();
+    let face = |upper: usize| {
+        let (n1, n2) = (indices[upper], indices[upper + 1]);
+        let sheet = transport.sheets.filter(|sheets| (1..=sheets.last).contains(&upper));
+        let (s, p) = match sheet {
+            Some(sheet) => sheet.reflectance(n1, cos(n1)),
+            None => fresnel(n1, cos(n1), n2, cos(n2)),
+        };
+        share_of_s * s + (1.0 - share_of_s) * p
+    };
     let last = indices.len() - 1;
-    let mut below = fresnel(indices[last - 1], cos(indices[last - 1]), indices[last], cos(indices[last]));
+    let mut below = face(last - 1);
     for layer in (1..last).rev() {
         let depth = transport.optical_depths[layer - 1];
         let passed = if depth > 0.0 { (-2.0 * depth / cos(indices[layer])).exp() } else { 1.0 };
-        let r = fresnel(indices[layer - 1], cos(indices[layer - 1]), indices[layer], cos(indices[layer]));
+        let r = face(layer - 1);
         let inside = passed * below;
         // r + (1 − r)²·inside/(1 − r·inside), which is 1 where both are.
         below = if r >= 1.0 { 1.0 } else { r + (1.0 - r) * (1.0 - r) * inside / (1.0 - r * inside) };
     }
-    // A stack that matches the ambient reflects nothing coherently either; the floor keeps the quotient finite.
-    below.max(1e-6)
+    below
 }
 
-/// Unpolarised reflectance of an interface; 1 for a wave that does not pass.
-fn fresnel(n1: f64, cos1: f64, n2: f64, cos2: f64) -> f64 {
+/// Reflectance of an interface for s and for p; 1 for a wave that does not pass.
+fn fresnel(n1: f64, cos1: f64, n2: f64, cos2: f64) -> (f64, f64) {
     if cos2 <= 0.0 || cos1 <= 0.0 {
-        return 1.0;
+        return (1.0, 1.0);
     }
     let s = (n1 * cos1 - n2 * cos2) / (n1 * cos1 + n2 * cos2);
     let p = (n2 * cos1 - n1 * cos2) / (n2 * cos1 + n1 * cos2);
-    0.5 * (s * s + p * p)
+    (s * s, p * p)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const BOTH: Wanted =
-        Wanted { coherent: Want::Required, illuminant: Want::Required, irregularity: true, absorption: true };
+    const BOTH: Wanted = Wanted {
+        coherent: Want::Required,
+        illuminant: Want::Required,
+        irregularity: true,
+        absorption: true,
+        polarisation: false,
+        coherent_sheets: false,
+    };
 
     fn recipe(text: &str) -> Recipe {
         Recipe::from_json(text).unwrap()
@@ -471,6 +572,33 @@ mod tests {
         }
         for rgb in illuminant.emission_rgb {
             assert!(rgb.iter().all(|c| (c - 1.0).abs() < 1e-6), "{rgb:?}");
+        }
+    }
+
+    #[test]
+    fn the_incoherent_reflectance_is_that_of_the_walk_that_is_baked() {
+        let smooth = recipe(r#"{"stack":{"layers":60},"facets":{"slope_sd_deg":0}}"#);
+        let effects = [Effect::Surface, Effect::Blur, Effect::Azimuth];
+        for extra in [vec![], vec![Effect::Polarisation], vec![Effect::CoherentSheets, Effect::Polarisation]]
+        {
+            let set: EffectSet = effects.into_iter().chain(extra).collect();
+            let request = crate::bake::Request {
+                recipe: smooth.clone(),
+                effects: set,
+                listed: false,
+                incident_deg: vec![60.0],
+                target: crate::bake::Target::Paths(200_000),
+                seed: 2,
+                event_cap: 1_000_000,
+                precision: transport::walk::lanes::Precision::Auto,
+            };
+            let table = crate::bake::walk(&request, &crate::bake::Observer::idle(), None).unwrap();
+            let walk = walked(&smooth, Wanted::by_effects(set, false)).unwrap();
+            let expected = incoherent_reflectance(&walk, 60_f64.to_radians());
+            // Five standard errors of 200,000 paths.
+            let error = (expected * (1.0 - expected) / 200_000.0).sqrt();
+            let found = table.meta.per_incidence[0].albedo;
+            assert!((found - expected).abs() < 5.0 * error, "{set:?}: {found} {expected}");
         }
     }
 

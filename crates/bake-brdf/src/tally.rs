@@ -20,6 +20,9 @@ const WEIGHT_ONE: f64 = (1_u64 << 30) as f64;
 /// Power sums of angles are summed in units of 2⁻⁸⁰: π⁶·10⁹ paths still fit in 128 bits.
 const MOMENT_ONE: f64 = (1_u128 << 80) as f64;
 
+/// Spread that exits cannot show (radians): their directions are f32, good to 6e-8.
+const UNRESOLVED: f64 = 1e-8;
+
 /// Components of the light that leaves the top, in the order of the cell arrays.
 const SINGLE: usize = 0;
 const REHIT: usize = 1;
@@ -309,7 +312,9 @@ impl Tally {
             return Moments::default();
         }
         let [mean, second, third] = [m[1] / m[0], m[2] / m[0], m[3] / m[0]];
-        let variance = (second - mean * mean).max(0.0);
+        let variance = second - mean * mean;
+        // Light in one direction (smooth interfaces) leaves rounding only, which is no lobe and has no skewness.
+        let variance = if variance > UNRESOLVED * UNRESOLVED { variance } else { 0.0 };
         let sd = variance.sqrt();
         let central3 = third - 3.0 * mean * second + 2.0 * mean.powi(3);
         let skew = if sd > 0.0 { central3 / sd.powi(3) } else { 0.0 };

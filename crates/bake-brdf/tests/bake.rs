@@ -202,6 +202,7 @@ fn bad_input_is_one_line_and_exit_2_and_harms_nothing() {
         &["--paths", "0"],
         &["--paths", "-5"],
         &["--accuracy", "0"],
+        &["--accuracy", "-1"],
         &["--accuracy", "NaN"],
         &["--accuracy", "1", "--paths", "5"],
         &["--time-budget", "-1"],

@@ -6,7 +6,7 @@
 #[path = "hard_cases/naive.rs"]
 mod naive;
 
-use bake_brdf::bake::{self, Observer, Request, Target};
+use bake_brdf::bake::{self, Observer, Request, Sides, Target};
 use bake_brdf::effects::Effect;
 use bake_brdf::recipe::Recipe;
 use bake_brdf::tally::{CHUNK, Cells, Tally};
@@ -406,7 +406,7 @@ fn paper(incident_deg: &[f64]) -> Request {
 }
 
 fn solution(incident_deg: &[f64]) -> Table {
-    bake::doubling(&paper(incident_deg)).expect("the paper's pearl")
+    bake::doubling(&paper(incident_deg), Sides::Above).expect("the paper's pearl")
 }
 
 /// The paper's pearl at every 5°.

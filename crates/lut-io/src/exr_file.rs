@@ -7,6 +7,7 @@
 mod header;
 
 use crate::atomic;
+use crate::both_sides::{BothSides, Passage};
 use crate::error::{Flaw, LutError, READING};
 use crate::measure;
 use crate::table::{Component, Lobe, Meta, Table};
@@ -197,7 +198,15 @@ fn coordinates(meta: &Meta) -> Vec<(&'static str, Vec<f32>)> {
     if axis.rows_per_incidence() == 1 {
         channels.push(("exit_deg", exit));
     }
+    if let Some(section) = both_sides(meta) {
+        channels.extend(Passage::ALL.map(|passage| (passage.weight_name(), section.weights(passage, axis))));
+    }
     channels
+}
+
+/// The section `both_sides` of metadata that were validated.
+fn both_sides(meta: &Meta) -> Option<BothSides> {
+    BothSides::of(meta).ok().flatten()
 }
 
 fn lobe_names(component: Component) -> [String; 3] {
@@ -212,6 +221,9 @@ fn channel_names(meta: &Meta) -> Vec<String> {
     if meta.exit_axis.rows_per_incidence() == 1 {
         names.push("exit_deg".to_owned());
     }
+    if both_sides(meta).is_some() {
+        names.extend(Passage::ALL.iter().flat_map(|p| [p.name(), p.weight_name()]).map(String::from));
+    }
     names
 }
 
@@ -222,6 +234,9 @@ fn channels(table: &Table) -> Vec<(String, Vec<f32>)> {
         let lobe = table.lobe(component);
         let samples = [&lobe.value, &lobe.std_error, &lobe.count];
         channels.extend(lobe_names(component).into_iter().zip(samples.map(Clone::clone)));
+    }
+    for (passage, values) in Passage::ALL.iter().zip(table.passages.iter().flatten()) {
+        channels.push((passage.name().to_owned(), values.clone()));
     }
     channels
 }
@@ -278,13 +293,14 @@ fn assemble(meta: Meta, names: &[String], mut samples: Vec<Vec<f32>>) -> Result<
     for (name, expected) in coordinates(&meta) {
         check_coordinates(name, &take(name), &expected)?;
     }
+    let passages = both_sides(&meta).map(|_| Passage::ALL.map(|passage| take(passage.name())));
     let mut lobe = |component| {
         let [value, std_error, count] = lobe_names(component).map(|name| take(&name));
         Lobe { value, std_error, count }
     };
     let (interior, surface, rehit) =
         (lobe(Component::Interior), lobe(Component::Surface), lobe(Component::Rehit));
-    Ok(Table { meta, interior, surface, rehit })
+    Ok(Table { meta, interior, surface, rehit, passages })
 }
 
 /// The coordinate channels must say what the axes of the metadata say.

@@ -1,6 +1,7 @@
 //! The table in memory: metadata and channels.
 
 use crate::axis::{self, ExitAxis};
+use crate::both_sides::{self, BothSides, Passage};
 use crate::error::Flaw;
 use crate::spectra::Spectra;
 use serde::{Deserialize, Serialize};
@@ -154,6 +155,8 @@ pub struct Table {
     pub surface: Lobe,
     /// The part of `surface` that met interface 0 more than once (the closed form gives the rest).
     pub rehit: Lobe,
+    /// f·cos θo of what passes and of light from below, by [`Passage`], with the section [`BothSides`] of the metadata.
+    pub passages: Option<[Vec<f32>; 3]>,
 }
 
 /// One component of the lobe with its uncertainty.
@@ -238,6 +241,7 @@ impl Meta {
         share("accuracy.reached_percent", self.accuracy.reached_percent)?;
         share("accuracy.worst_theta_i_deg", self.accuracy.worst_theta_i_deg)?;
         share("accuracy.interpolation_percent", self.accuracy.interpolation_percent)?;
+        BothSides::of(self)?;
         Spectra::of(self).map(|_| ())
     }
 
@@ -394,6 +398,18 @@ impl Table {
             check_channel(name, &lobe.value, cells)?;
             check_channel(&format!("{name}_std_error"), &lobe.std_error, cells)?;
             check_channel(&format!("{name}_count"), &lobe.count, cells)?;
+        }
+        match (&self.passages, self.meta.extra.contains_key(both_sides::KEY)) {
+            (None, false) => {}
+            (Some(lobes), true) => {
+                for (passage, values) in Passage::ALL.iter().zip(lobes) {
+                    check_channel(passage.name(), values, cells)?;
+                }
+            }
+            _ => {
+                let problem = "and the channels of light from below go together, found one without the other";
+                return Err(Flaw::new(both_sides::KEY, problem));
+            }
         }
         Ok(())
     }

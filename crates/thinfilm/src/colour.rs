@@ -4,9 +4,10 @@
 
 use std::sync::LazyLock;
 
-use crate::ensemble;
-use crate::stack::{Stack, StackError};
+use rayon::prelude::*;
 
+use crate::stack::{Stack, StackError};
+use crate::{dense, ensemble};
 /// Tristimulus values; a perfect reflector has Y = 1.
 pub type Xyz = [f64; 3];
 
@@ -78,7 +79,8 @@ pub fn srgb_bytes(linear: [f64; 3]) -> [u8; 3] {
 /// CIE L*a*b* against the D65 white of [`xyz`].
 #[must_use]
 pub fn lab(colour: Xyz) -> [f64; 3] {
-    let white = xyz(&[1.0; 401]);
+    static WHITE: LazyLock<Xyz> = LazyLock::new(|| xyz(&[1.0; 401]));
+    let white = *WHITE;
     let f = |t: f64| {
         if t > 216.0 / 24389.0 { t.cbrt() } else { (24389.0 / 27.0 * t + 16.0) / 116.0 }
     };
@@ -140,19 +142,44 @@ pub struct StackColour {
     pub wavelengths: usize,
     /// ΔE00 between this and half as many wavelengths.
     pub change: f64,
+    /// Stacks that were averaged.
+    pub members: u64,
+    /// Standard error of the ensemble mean as ΔE00 (jackknife over the members); 0 for a regular stack.
+    pub ensemble_error: f64,
 }
 
 /// Accuracy where none is asked for, ΔE00.
 pub const DEFAULT_ACCURACY: f64 = 0.1;
+/// Members where none are asked for.
+pub const DEFAULT_MEMBERS: u64 = 64;
 const FIRST_WAVELENGTHS: usize = 801;
 /// Wavelengths at most.
 pub const MOST_WAVELENGTHS: usize = 102_401;
 
 /// Colours of a stack in unpolarised light at angles (radians); an irregular stack's is that of the mean of `members`
-/// stacks drawn from `seed`. Wavelengths are doubled until the worst ΔE00 between two grids is below `accuracy` (ΔE00).
+/// stacks drawn from `seed`.
+///
+/// The first grid resolves the finest fringe; wavelengths are doubled, angle by angle, until ΔE00 between two grids is at
+/// most `accuracy` or [`MOST_WAVELENGTHS`] are reached: [`StackColour::change`] says which.
 ///
 /// # Errors
-/// As [`ensemble::mean`].
+/// As [`Stack::draw`] and [`crate::dense::spectra`].
+///
+/// ```
+/// use thinfilm::{Material, Stack, colour};
+/// let film = Stack::alternating(
+///     Material::constant(1.0),
+///     (Material::constant(1.33), 300e-9, 0.0),
+///     (Material::constant(1.33), 0.0, 0.0),
+///     1,
+///     Material::constant(1.0),
+/// );
+/// let colours = colour::of_stack(&film, 0, 1, &[0.0], colour::DEFAULT_ACCURACY)?;
+/// // A soap film of 300 nm reflects best at 4nd/3 = 532 nm.
+/// let [r, g, b] = colours[0].linear_srgb;
+/// assert!(g > r && g > b);
+/// # Ok::<(), thinfilm::StackError>(())
+/// ```
 pub fn of_stack(
     stack: &Stack,
     seed: u64,
@@ -160,29 +187,81 @@ pub fn of_stack(
     angles: &[f64],
     accuracy: f64,
 ) -> Result<Vec<StackColour>, StackError> {
-    let at = |count: usize| -> Result<Vec<Xyz>, StackError> {
-        let spectra = ensemble::mean(stack, seed, members, &wavelengths(count), angles)?;
-        Ok(spectra.reflectance.iter().map(|row| xyz(row)).collect())
-    };
+    stack.check()?;
+    let members = if stack.is_irregular() { members.clamp(1, ensemble::MOST_MEMBERS) } else { 1 };
+    angles
+        .iter()
+        .map(|theta| {
+            let mut count = first_count(stack)?;
+            let mut coarse = EnsembleColour::new(stack, seed, members, count, *theta)?;
+            loop {
+                count = 2 * count - 1;
+                let fine = EnsembleColour::new(stack, seed, members, count, *theta)?;
+                let change = delta_e_2000(lab(coarse.mean), lab(fine.mean));
+                if change <= accuracy || count >= MOST_WAVELENGTHS {
+                    return Ok(fine.colour(count, change));
+                }
+                coarse = fine;
+            }
+        })
+        .collect()
+}
+
+/// 800·2ᵏ + 1 wavelengths, no wider apart than the finest fringe (λ²/2nd at the blue end), so that two grids in a row do not
+/// miss the same fringes.
+fn first_count(stack: &Stack) -> Result<usize, StackError> {
+    let fringe = VISIBLE[0] * VISIBLE[0] / (2.0 * stack.optical_thickness(VISIBLE[0])?);
     let mut count = FIRST_WAVELENGTHS;
-    let mut coarse = at(count)?;
-    loop {
+    // The last doubling is kept for the comparison.
+    while count < MOST_WAVELENGTHS / 2 && (VISIBLE[1] - VISIBLE[0]) / (count - 1) as f64 > fringe {
         count = 2 * count - 1;
-        let fine = at(count)?;
-        let changes: Vec<f64> =
-            coarse.iter().zip(&fine).map(|(a, b)| delta_e_2000(lab(*a), lab(*b))).collect();
-        let worst = changes.iter().copied().fold(0.0, f64::max);
-        if worst <= accuracy || count >= MOST_WAVELENGTHS {
-            let colour = |(xyz, change): (Xyz, f64)| StackColour {
-                xyz,
-                linear_srgb: linear_srgb(xyz),
-                lab: lab(xyz),
-                wavelengths: count,
-                change,
-            };
-            return Ok(fine.into_iter().zip(changes).map(colour).collect());
+    }
+    Ok(count)
+}
+
+/// XYZ of every member of an ensemble at one angle, and their mean. XYZ is linear in R: the mean's colour is the colour of the
+/// mean.
+struct EnsembleColour {
+    members: Vec<Xyz>,
+    mean: Xyz,
+}
+
+impl EnsembleColour {
+    fn new(stack: &Stack, seed: u64, members: u64, count: usize, theta: f64) -> Result<Self, StackError> {
+        let wavelengths = wavelengths(count);
+        let of = |member: u64| {
+            let spectra = dense::spectra_for_means(&stack.draw(seed, member)?, &wavelengths, &[theta])?;
+            Ok::<_, StackError>(xyz(&spectra.unpolarised_reflectance(0)))
+        };
+        let members: Vec<Xyz> = (0..members).into_par_iter().map(of).collect::<Result<_, _>>()?;
+        let mean = std::array::from_fn(|c| members.iter().map(|m| m[c]).sum::<f64>() / members.len() as f64);
+        Ok(Self { members, mean })
+    }
+
+    /// √((n − 1)/n Σ ΔE²) over the means without one member (Tukey's jackknife).
+    fn error(&self) -> f64 {
+        let n = self.members.len() as f64;
+        if self.members.len() < 2 {
+            return 0.0;
         }
-        coarse = fine;
+        let whole = lab(self.mean);
+        let square = |member: &Xyz| {
+            let without = std::array::from_fn(|c| (n * self.mean[c] - member[c]) / (n - 1.0));
+            delta_e_2000(whole, lab(without)).powi(2)
+        };
+        ((n - 1.0) / n * self.members.iter().map(square).sum::<f64>()).sqrt()
+    }
+
+    fn colour(&self, wavelengths: usize, change: f64) -> StackColour {
+        StackColour {
+            xyz: self.mean,
+            linear_srgb: linear_srgb(self.mean),
+            lab: lab(self.mean),
+            wavelengths,
+            change,
+            members: self.members.len() as u64,
+            ensemble_error: self.error(),
+        }
     }
 }
 
@@ -218,23 +297,50 @@ mod tests {
         }
     }
 
+    fn pearl(sd: f64) -> Stack {
+        Stack::alternating(
+            Material::constant(1.0),
+            (Material::constant(1.53), 450e-9, 450e-9 * sd),
+            (Material::constant(1.43), 25e-9, 25e-9 * sd),
+            500,
+            Material::constant(1.53),
+        )
+    }
+
     #[test]
     fn default_accuracy_is_within_0_3_of_12801_wavelengths() {
-        let angles = [0.0, 30.0, 60.0].map(f64::to_radians);
+        let angles: Vec<f64> = (0..=6).map(|i| f64::from(10 * i).to_radians()).collect();
         for sd in [0.0, 0.03, 0.10] {
-            let stack = Stack::alternating(
-                Material::constant(1.0),
-                (Material::constant(1.53), 450e-9, 450e-9 * sd),
-                (Material::constant(1.43), 25e-9, 25e-9 * sd),
-                500,
-                Material::constant(1.53),
-            );
-            let colours = of_stack(&stack, 7, 2, &angles, DEFAULT_ACCURACY).unwrap();
-            let reference = ensemble::mean(&stack, 7, 2, &wavelengths(12_801), &angles).unwrap();
-            for (colour, row) in colours.iter().zip(&reference.reflectance) {
+            let colours = of_stack(&pearl(sd), 7, 2, &angles, DEFAULT_ACCURACY).unwrap();
+            let reference = ensemble::mean(&pearl(sd), 7, 2, &wavelengths(12_801), &angles).unwrap();
+            for ((theta, colour), row) in angles.iter().zip(&colours).zip(&reference.reflectance) {
                 let error = delta_e_2000(colour.lab, lab(xyz(row)));
-                assert!(error <= 0.3, "sd {sd}: {error} with {} wavelengths", colour.wavelengths);
+                assert!(
+                    error <= 0.3,
+                    "sd {sd}, {theta} rad: {error} with {} wavelengths",
+                    colour.wavelengths
+                );
+                assert!(colour.change <= DEFAULT_ACCURACY, "{colour:?}");
             }
         }
+    }
+
+    /// Many small ensembles: their scatter about the mean of all is what one of them states as its error.
+    #[test]
+    fn the_stated_error_of_an_ensemble_is_the_scatter_of_ensembles() {
+        let stack =
+            Stack { runs: vec![crate::StackRun { repeat: 10, ..pearl(0.1).runs[0].clone() }], ..pearl(0.1) };
+        const GROUPS: u64 = 60;
+        let groups: Vec<StackColour> =
+            (0..GROUPS).map(|seed| of_stack(&stack, seed, 16, &[0.3], 1.0).unwrap()[0]).collect();
+        let mean = |of: fn(&StackColour, usize) -> f64| -> [f64; 3] {
+            std::array::from_fn(|c| groups.iter().map(|g| of(g, c)).sum::<f64>() / GROUPS as f64)
+        };
+        let centre = lab(mean(|g, c| g.xyz[c]));
+        let scatter =
+            (groups.iter().map(|g| delta_e_2000(centre, g.lab).powi(2)).sum::<f64>() / GROUPS as f64).sqrt();
+        let stated = (groups.iter().map(|g| g.ensemble_error.powi(2)).sum::<f64>() / GROUPS as f64).sqrt();
+        // 60 groups of 3 coordinates know a standard deviation to about 8 %; four of those.
+        assert!((scatter / stated - 1.0).abs() < 0.32, "{scatter} {stated}");
     }
 }

@@ -15,11 +15,15 @@ use rayon::prelude::*;
 
 use crate::stack::{Gain, Indices, Stack, StackError};
 use crate::wave::{InPlaneWave, Incidence, Polarisation, WaveError, half_turns_per_metre, sqrt_upper};
-use kernel::{ComplexMedium, ComplexTile, DenseLayer, Interface, LosslessMedium, LosslessTile, TileResult};
+use kernel::{
+    ComplexMedium, ComplexTile, DenseLayer, Interface, Kinds, LosslessMedium, LosslessTile, TileResult,
+};
 use lanes::{LANES, Lanes};
 
 /// Largest estimated error that a fast lane may have: a tenth of the agreement promised.
 pub const CLAIM: f64 = 1e-13;
+/// The same for means and colours, which need no more: promised to 1e-9. Deep stacks (thousands of layers) keep their speed.
+const MEAN_CLAIM: f64 = 1e-10;
 
 /// R and T of a stack on a grid of angles × wavelengths.
 #[derive(Clone, Debug, PartialEq)]
@@ -101,7 +105,16 @@ impl Spectra {
 /// # Ok::<(), thinfilm::StackError>(())
 /// ```
 pub fn spectra(stack: &Stack, wavelengths: &[f64], angles: &[f64]) -> Result<Spectra, StackError> {
-    Solver::new(stack, wavelengths, None)?.spectra(angles)
+    Solver::new(stack, wavelengths, None, CLAIM)?.spectra(angles)
+}
+
+/// As [`spectra`], within 1e-9 of the robust form: what a mean over many stacks or wavelengths is made of.
+pub(crate) fn spectra_for_means(
+    stack: &Stack,
+    wavelengths: &[f64],
+    angles: &[f64],
+) -> Result<Spectra, StackError> {
+    Solver::new(stack, wavelengths, None, MEAN_CLAIM)?.spectra(angles)
 }
 
 /// As [`spectra`], with Σ source·∫|E|² dz in the same pass: `sources` is the strength in each layer from the ambient
@@ -115,7 +128,7 @@ pub fn spectra_with_sources(
     angles: &[f64],
     sources: &[f64],
 ) -> Result<Spectra, StackError> {
-    Solver::new(stack, wavelengths, Some(sources))?.spectra(angles)
+    Solver::new(stack, wavelengths, Some(sources), CLAIM)?.spectra(angles)
 }
 
 struct Solver<'a> {
@@ -125,12 +138,16 @@ struct Solver<'a> {
     indices: Vec<Indices>,
     /// From the substrate up.
     layers: Vec<DenseLayer>,
+    kinds: Option<Kinds>,
     interface_pairs: Vec<(usize, usize)>,
     interface_of: Vec<usize>,
     reference: usize,
     sources: Option<&'a [f64]>,
     /// Whether no index depends on the wavelength.
     steady: bool,
+    /// Largest estimated error of a fast lane.
+    claim: f64,
+    level: dispatch::Level,
 }
 
 /// Media are numbered: materials first, then the ambient, then the substrate.
@@ -146,7 +163,12 @@ const fn substrate_number(materials: usize) -> usize {
 const MOST_FAST_LAYERS: u128 = 16_384;
 
 impl<'a> Solver<'a> {
-    fn new(stack: &'a Stack, wavelengths: &'a [f64], sources: Option<&'a [f64]>) -> Result<Self, StackError> {
+    fn new(
+        stack: &'a Stack,
+        wavelengths: &'a [f64],
+        sources: Option<&'a [f64]>,
+        claim: f64,
+    ) -> Result<Self, StackError> {
         stack.check()?;
         let indices = wavelengths.iter().map(|&w| stack.indices(w)).collect::<Result<Vec<_>, _>>()?;
         if let (Some(sources), count) = (sources, stack.layer_count())
@@ -189,12 +211,15 @@ impl<'a> Solver<'a> {
             stack,
             wavelengths,
             indices,
+            kinds: Kinds::of(&layers),
             layers,
             interface_pairs,
             interface_of,
             reference,
             sources,
             steady,
+            claim,
+            level: dispatch::Level::detected(),
         })
     }
 
@@ -234,7 +259,8 @@ impl<'a> Solver<'a> {
         };
         let mut robust = 0;
         for lane in 0..last - first {
-            let claimed = lanes.is_suitable(lane) && (0..2).all(|pol| result.doubt[pol].0[lane] <= CLAIM);
+            let claimed =
+                lanes.is_suitable(lane) && (0..2).all(|pol| result.doubt[pol].0[lane] <= self.claim);
             if claimed && (emission_known || self.sources.is_none()) {
                 continue;
             }
@@ -395,11 +421,12 @@ impl<'a> TileLanes<'a> {
             media: &media,
             reference,
             layers: &self.solver.layers,
+            kinds: self.solver.kinds.as_ref(),
             q_reference,
             q_ambient: Polarisation::BOTH.map(|pol| self.real(ambient, pol)),
             q_substrate,
         };
-        let mut result = dispatch::lossless(&tile, self.solver.sources.is_some());
+        let mut result = dispatch::lossless(self.solver.level, &tile, self.solver.sources.is_some());
         // |E| = 1 means |H| = |N₀| for p.
         result.emission[1] = result.emission[1] * self.gather(|wave| wave.eps[ambient].norm());
         Some(result)
@@ -447,14 +474,16 @@ impl<'a> TileLanes<'a> {
                 wave.admittance(ambient, pol).norm() / largest
             })
         };
-        let mut result = dispatch::complex(&ComplexTile {
+        let tile = ComplexTile {
             inverse_contrast: Polarisation::BOTH.map(inverse_contrast),
             media: &media,
             layers: &self.solver.layers,
+            kinds: self.solver.kinds.as_ref(),
             interface_of: &self.solver.interface_of,
             interfaces: &interfaces,
             flux: Polarisation::BOTH.map(flux),
-        });
+        };
+        let mut result = dispatch::complex(self.solver.level, &tile);
         let critical = |at: usize| self.distinct[at].is_critical(materials);
         for lane in (0..LANES).filter(|&lane| critical(self.of_lane[lane])) {
             for doubt in &mut result.doubt {
@@ -514,8 +543,12 @@ mod dispatch {
     compiled_for!(complex_avx512, ComplexTile, kernel::complex, "avx512f,avx512dq,avx512vl,fma,bmi2");
     compiled_for!(complex_avx2, ComplexTile, kernel::complex, "avx2,fma,bmi2");
 
-    #[derive(Clone, Copy, PartialEq)]
-    enum Level {
+    /// An instruction set that this processor has been found to have.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub(super) struct Level(Set);
+
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    enum Set {
         #[cfg(target_arch = "x86_64")]
         Avx512,
         #[cfg(target_arch = "x86_64")]
@@ -523,53 +556,149 @@ mod dispatch {
         Baseline,
     }
 
-    fn level() -> Level {
-        #[cfg(target_arch = "x86_64")]
-        {
-            let common = is_x86_feature_detected!("fma") && is_x86_feature_detected!("bmi2");
-            let wide = is_x86_feature_detected!("avx512f")
-                && is_x86_feature_detected!("avx512dq")
-                && is_x86_feature_detected!("avx512vl");
-            if common && wide {
-                return Level::Avx512;
-            }
-            if common && is_x86_feature_detected!("avx2") {
-                return Level::Avx2;
-            }
+    impl Level {
+        /// The widest.
+        pub(super) fn detected() -> Self {
+            Self::all()[0]
         }
-        Level::Baseline
+
+        /// All that there are, the widest first.
+        pub(super) fn all() -> Vec<Self> {
+            let mut sets = Vec::new();
+            #[cfg(target_arch = "x86_64")]
+            {
+                let common = is_x86_feature_detected!("fma") && is_x86_feature_detected!("bmi2");
+                let wide = is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl");
+                if common && wide {
+                    sets.push(Self(Set::Avx512));
+                }
+                if common && is_x86_feature_detected!("avx2") {
+                    sets.push(Self(Set::Avx2));
+                }
+            }
+            sets.push(Self(Set::Baseline));
+            sets
+        }
     }
 
-    #[allow(unsafe_code)] // see the bench `dense`: 10 × and more over the baseline build
-    pub(super) fn lossless(tile: &LosslessTile, emission: bool) -> TileResult {
-        match (level(), emission) {
-            // SAFETY: `level` has just found the features that the function is compiled for.
+    #[allow(unsafe_code)] // without vector instructions it is slower by the factor that `rate_of_each_level` measures
+    pub(super) fn lossless(level: Level, tile: &LosslessTile, emission: bool) -> TileResult {
+        match (level.0, emission) {
+            // SAFETY: a `Level` is only made where the features that the function is compiled for were found.
             #[cfg(target_arch = "x86_64")]
-            (Level::Avx512, false) => unsafe { lossless_avx512(tile) },
+            (Set::Avx512, false) => unsafe { lossless_avx512(tile) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            (Level::Avx512, true) => unsafe { emitting_avx512(tile) },
+            (Set::Avx512, true) => unsafe { emitting_avx512(tile) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            (Level::Avx2, false) => unsafe { lossless_avx2(tile) },
+            (Set::Avx2, false) => unsafe { lossless_avx2(tile) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            (Level::Avx2, true) => unsafe { emitting_avx2(tile) },
-            (Level::Baseline, false) => kernel::lossless::<false>(tile),
-            (Level::Baseline, true) => kernel::lossless::<true>(tile),
+            (Set::Avx2, true) => unsafe { emitting_avx2(tile) },
+            (Set::Baseline, false) => kernel::lossless::<false>(tile),
+            (Set::Baseline, true) => kernel::lossless::<true>(tile),
         }
     }
 
     #[allow(unsafe_code)] // as above
-    pub(super) fn complex(tile: &ComplexTile) -> TileResult {
-        match level() {
-            // SAFETY: `level` has just found the features that the function is compiled for.
+    pub(super) fn complex(level: Level, tile: &ComplexTile) -> TileResult {
+        match level.0 {
+            // SAFETY: a `Level` is only made where the features that the function is compiled for were found.
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => unsafe { complex_avx512(tile) },
+            Set::Avx512 => unsafe { complex_avx512(tile) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => unsafe { complex_avx2(tile) },
-            Level::Baseline => kernel::complex(tile),
+            Set::Avx2 => unsafe { complex_avx2(tile) },
+            Set::Baseline => kernel::complex(tile),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::material::Material;
+
+    fn pearl(k: f64, sd: f64, layers: u64) -> Stack {
+        let material = |n| Material { k, ..Material::constant(n) };
+        Stack::alternating(
+            Material::constant(1.0),
+            (material(1.53), 450e-9, 450e-9 * sd),
+            (material(1.43), 25e-9, 25e-9 * sd),
+            layers,
+            Material::constant(1.53),
+        )
+        .draw(1, 0)
+        .unwrap()
+    }
+
+    /// (k, irregularity): the four loops.
+    const LOOPS: [(f64, f64); 4] = [(0.0, 0.0), (0.0, 0.03), (1e-3, 0.0), (1e-3, 0.03)];
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let wavelengths: Vec<f64> = (0..37).map(|i| 380e-9 + 11e-9 * f64::from(i)).collect();
+        for (k, sd) in LOOPS {
+            let stack = pearl(k, sd, 100);
+            let sources = vec![1.0; 100];
+            for sources in [None, Some(sources.as_slice())] {
+                let of = |level| {
+                    let solver = Solver::new(&stack, &wavelengths, sources, CLAIM).unwrap();
+                    Solver { level, ..solver }.spectra(&[0.0, 0.7, 1.3]).unwrap()
+                };
+                let levels = dispatch::Level::all();
+                for level in &levels[1..] {
+                    assert_eq!(of(levels[0]), of(*level), "k {k}, sd {sd}, {level:?}");
+                }
+            }
+        }
+    }
+
+    /// Layers by kind and layers one by one are the same numbers but for rounding.
+    #[test]
+    fn layers_by_kind_are_the_layers() {
+        let wavelengths: Vec<f64> = (0..32).map(|i| 380e-9 + 12e-9 * f64::from(i)).collect();
+        for k in [0.0, 1e-3] {
+            let stack = pearl(k, 0.0, 101);
+            let by_kind = Solver::new(&stack, &wavelengths, None, CLAIM).unwrap();
+            assert!(by_kind.kinds.is_some());
+            let one_by_one =
+                Solver { kinds: None, ..Solver::new(&stack, &wavelengths, None, CLAIM).unwrap() };
+            let (a, b) = (by_kind.spectra(&[0.4]).unwrap(), one_by_one.spectra(&[0.4]).unwrap());
+            for pol in Polarisation::BOTH {
+                for (a, b) in a.reflectance(0, pol).iter().zip(b.reflectance(0, pol)) {
+                    assert!((a - b).abs() < 1e-13, "{a} {b}");
+                }
+                for (a, b) in a.transmittance(0, pol).iter().zip(b.transmittance(0, pol)) {
+                    assert!((a - b).abs() < 1e-13, "{a} {b}");
+                }
+            }
+        }
+    }
+
+    /// `cargo test --release -p thinfilm rate_of_each_level -- --ignored --nocapture --test-threads 1`
+    #[test]
+    #[ignore = "a measurement, not a check"]
+    #[allow(clippy::print_stdout)]
+    fn rate_of_each_level() {
+        let wavelengths: Vec<f64> = (0..81).map(|i| 380e-9 + 5e-9 * f64::from(i)).collect();
+        let angles: Vec<f64> = (0..90).map(|deg| f64::from(deg).to_radians()).collect();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        for (k, sd) in LOOPS {
+            let stack = pearl(k, sd, 500);
+            for level in dispatch::Level::all() {
+                let solver = Solver { level, ..Solver::new(&stack, &wavelengths, None, CLAIM).unwrap() };
+                let seconds = (0..5).map(|_| {
+                    let start = std::time::Instant::now();
+                    pool.install(|| solver.spectra(&angles)).unwrap();
+                    start.elapsed().as_secs_f64()
+                });
+                let rate = 500.0 * 81.0 * 90.0 * 2.0 / seconds.fold(f64::INFINITY, f64::min);
+                println!("k {k}, irregular by {sd}: {level:?} {rate:.2e} layer evaluations/s");
+            }
         }
     }
 }

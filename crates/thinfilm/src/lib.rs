@@ -10,6 +10,8 @@ pub mod ensemble;
 pub mod field;
 pub mod illuminant;
 pub mod intensity;
+pub mod library;
+pub mod line;
 pub mod material;
 pub mod modulation;
 pub mod reference_case;

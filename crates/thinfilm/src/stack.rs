@@ -126,6 +126,20 @@ impl Stack {
         self.runs.iter().flat_map(|run| (0..run.repeat).flat_map(move |_| run.unit.iter().copied()))
     }
 
+    /// Σ n d over the layers at a vacuum wavelength, metres: fringes at normal incidence are 1/(2 Σ n d) apart in 1/λ.
+    ///
+    /// # Errors
+    /// As [`Stack::check`] and [`Stack::indices`].
+    pub fn optical_thickness(&self, wavelength: f64) -> Result<f64, StackError> {
+        self.check()?;
+        let indices = self.indices(wavelength)?;
+        let run = |run: &StackRun| {
+            let unit = run.unit.iter().map(|layer| indices.materials[layer.material].re * layer.thickness);
+            unit.sum::<f64>() * run.repeat as f64
+        };
+        Ok(self.runs.iter().map(run).sum())
+    }
+
     /// Whether some layer's thickness varies from place to place.
     #[must_use]
     pub fn is_irregular(&self) -> bool {

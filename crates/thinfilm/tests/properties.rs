@@ -5,7 +5,10 @@ use proptest::prelude::*;
 use rand::SeedableRng as _;
 use rand::rngs::StdRng;
 use rayon::prelude::*;
-use thinfilm::{Incidence, Layer, Multilayer, Polarisation, Response, Run};
+use thinfilm::{
+    Gain, Incidence, Layer, Material, Multilayer, Polarisation, Response, Run, Stack, StackLayer, StackRun,
+    ensemble, illuminant, intensity, line,
+};
 
 fn real(n: f64) -> Complex64 {
     Complex64::new(n, 0.0)
@@ -245,6 +248,45 @@ proptest! {
         let short = Multilayer { runs: vec![Run { unit: stack.runs[0].unit.clone(), repeat: repeat % 50 }], ..stack };
         if let Ok(field) = short.field(wavelength, incidence, pol) {
             prop_assert!(field.integrals().iter().all(|x| !x.is_nan()));
+        }
+    }
+
+    /// The same for everything that is built on it: fast path, intensities, ensembles, lines.
+    #[test]
+    fn no_finite_stack_panics_or_gives_nan(
+        n in prop::array::uniform4(any::<f64>()), k in prop::array::uniform4(any::<f64>()), d in prop::array::uniform3(any::<f64>()),
+        sd in any::<f64>(), wavelength in any::<f64>(), theta in any::<f64>(), width in any::<f64>(), seed in any::<u64>(), tame in any::<bool>(),
+        repeat in 0..200u64, pol in any_pol()
+    ) {
+        let finite = |x: f64| if x.is_finite() { x } else { 1.0 };
+        let tamed = |x: f64, scale: f64| if tame { scale * (1.0 + finite(x).sin().abs()) } else { finite(x) };
+        let material = |i: usize| Material { k: if tame { tamed(k[i], 0.1) - 0.1 } else { finite(k[i]) }, ..Material::constant(tamed(n[i], 1.0)) };
+        let layer = |i: usize| StackLayer { material: i % 2, thickness: tamed(d[i], 1e-7), thickness_sd: tamed(sd, 1e-8) };
+        let stack = Stack {
+            ambient: Material { k: 0.0, ..material(2) },
+            materials: vec![material(0), material(1)],
+            runs: vec![StackRun { unit: (0..3).map(layer).collect(), repeat }],
+            substrate: material(3),
+            gain: Gain::Refused,
+        };
+        let (wavelength, theta) = (tamed(wavelength, 5e-7), if tame { tamed(theta, 0.78) } else { finite(theta) });
+        let waves = [wavelength, 1.3 * wavelength];
+        if let Ok(mean) = ensemble::mean(&stack, seed, 2, &waves, &[theta]) {
+            prop_assert!(mean.reflectance.iter().chain(&mean.transmittance).flatten().all(|x| x.is_finite()));
+        }
+        if let Ok(emission) = illuminant::emission(&stack, illuminant::SourceProfile::Uniform, &waves, &[theta]) {
+            prop_assert!(emission.iter().flatten().all(|x| !x.is_nan()));
+        }
+        let whole = [
+            intensity::incoherent(&stack, wavelength, theta, intensity::Light::Unpolarised),
+            intensity::mixed(&stack, |layer| layer.material == 1, wavelength, theta, pol),
+        ];
+        for whole in whole.into_iter().flatten() {
+            prop_assert!(whole.reflectance.is_finite() && whole.transmittance.is_finite() && whole.absorptance.is_finite(), "{whole:?}");
+        }
+        let line = line::Line { shape: line::Shape::Lorentzian, width: if tame { tamed(width, 1e-9) } else { finite(width) } };
+        if let Ok(mean) = line::mean(&stack, line, &[wavelength], &[theta], 1.0) {
+            prop_assert!(mean.reflectance.iter().flatten().flatten().all(|x| x.is_finite()));
         }
     }
 }

@@ -7,4 +7,4 @@ pub mod doubling;
 mod problem;
 pub mod walk;
 
-pub use problem::{Facets, Geometry, Normals, Transport};
+pub use problem::{Facets, Geometry, Light, Normals, Sheets, Transport};

@@ -30,6 +30,57 @@ pub struct Facets {
     pub normals: Normals,
 }
 
+/// The polarisation of the light that the interfaces meet. In the plane of incidence s stays s and p stays p.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Light {
+    /// Unpolarised at every event, whatever came before (the paper).
+    #[default]
+    Unpolarised,
+    /// Unpolarised light arrives; half of it is s and half p all the way (plane only).
+    Tracked,
+    /// s, perpendicular to the plane of incidence (plane only).
+    S,
+    /// p, in the plane of incidence (plane only).
+    P,
+}
+
+/// Thin sheets in place of interfaces: each reflects as a coherent film and lets the rest pass undeviated.
+///
+/// Interfaces 1 to `last` are sheets; the media on both sides of each have the same index.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sheets {
+    /// Index of the sheets, lossless.
+    pub index: f64,
+    /// 2πd/λ: thickness over vacuum wavelength, times 2π. `index · phase` is at most π/2: a quarter of a wave.
+    pub phase: f64,
+    /// Index of the last interface that is a sheet.
+    pub last: usize,
+}
+
+impl Sheets {
+    /// Reflectance (s, p) of a sheet between media of index `n` met at `cosine` of the angle from its normal: Airy's
+    /// formula (Born & Wolf, Principles of Optics, §7.6), and frustrated total reflection past the critical angle.
+    #[must_use]
+    pub fn reflectance(&self, n: f64, cosine: f64) -> (f64, f64) {
+        let inside = 1.0 - (n / self.index).powi(2) * (1.0 - cosine * cosine);
+        let depth = self.phase * self.index * inside.abs().sqrt();
+        let (q1, q2) =
+            ([n * cosine, cosine / n], [self.index, 1.0 / self.index].map(|q| q * inside.abs().sqrt()));
+        let one = |i: usize| {
+            if inside > 0.0 {
+                let r2 = ((q1[i] - q2[i]) / (q1[i] + q2[i])).powi(2);
+                let sine2 = 4.0 * r2 * depth.sin().powi(2);
+                return sine2 / ((1.0 - r2).powi(2) + sine2);
+            }
+            // |r| = 1 with the phase φ: sinh²δ / (sinh²δ + sin²φ), φ = 2 atan(q2/q1).
+            let turned = (2.0 * (q2[i] / q1[i]).atan()).sin().powi(2);
+            let sinh2 = depth.sinh().powi(2);
+            if sinh2 > 0.0 { sinh2 / (sinh2 + turned) } else { 0.0 }
+        };
+        (one(0), one(1))
+    }
+}
+
 /// One stack of L layers between ambient and substrate at one wavelength, met from the ambient side.
 ///
 /// Medium 0 is the ambient, media 1…L the layers, medium L + 1 the substrate; interface i (0…L) lies
@@ -42,6 +93,10 @@ pub struct Transport {
     pub optical_depths: Vec<f64>,
     /// Facet statistics, the same at every interface.
     pub facets: Facets,
+    /// Polarisation of the light.
+    pub light: Light,
+    /// Coherent sheets in place of inner interfaces.
+    pub sheets: Option<Sheets>,
 }
 
 impl Transport {
@@ -57,6 +112,15 @@ impl Transport {
         self.optical_depths.iter().any(|&depth| depth > 0.0)
     }
 
+    /// The same stack seen from the substrate.
+    #[must_use]
+    pub fn upside_down(&self) -> Self {
+        let mut turned = self.clone();
+        turned.indices.reverse();
+        turned.optical_depths.reverse();
+        turned
+    }
+
     /// A lossless alternating stack: ambient 1, `layers` layers of `odd`, `even`, `odd`, …, substrate.
     #[must_use]
     pub fn alternating(layers: usize, odd: f64, even: f64, substrate: f64, slope_sd: f64) -> Self {
@@ -67,6 +131,8 @@ impl Transport {
             indices,
             optical_depths: vec![0.0; layers],
             facets: Facets { slope_sd, normals: Normals::Unweighted },
+            light: Light::Unpolarised,
+            sheets: None,
         }
     }
 

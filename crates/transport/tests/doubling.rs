@@ -196,23 +196,6 @@ fn densities_integrate_to_the_shares() {
     }
 }
 
-#[test]
-fn light_from_below_is_light_from_above_of_the_stack_upside_down() {
-    let mut transport = Transport::alternating(4, 1.6, 1.3, 1.5, 0.1);
-    transport.indices = vec![1.0, 1.6, 1.3, 1.6, 1.45, 1.5];
-    let mut reversed = transport.clone();
-    reversed.indices.reverse();
-    for geometry in [Geometry::Plane, Geometry::Space] {
-        let both = Settings { both_sides: true, ..settings(24, 4) };
-        let below = solve(&transport, geometry, &[0.0], &both).unwrap().from_below.unwrap();
-        let above = solve(&reversed, geometry, &below.theta, &settings(24, 4)).unwrap();
-        for (k, lobe) in above.lobes.iter().enumerate() {
-            assert!((lobe.albedo - below.reflected[k]).abs() < 1e-11, "{geometry:?} {k}"); // rounding
-            assert!((lobe.transmitted - below.transmitted[k]).abs() < 1e-11, "{geometry:?} {k}");
-        }
-    }
-}
-
 /// Gauss–Legendre of five points on panels whose ends grow geometrically from `first` to `end`.
 fn panels(first: f64, end: f64) -> Vec<(f64, f64)> {
     let nodes = [

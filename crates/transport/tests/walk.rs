@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use transport::walk::lanes::{Precision, SimdLevel, WalkError, Walker};
 use transport::walk::reference::{Estimator, Reference};
 use transport::walk::{Exit, Fate};
-use transport::{Facets, Geometry, Normals, Transport};
+use transport::{Facets, Geometry, Light, Normals, Sheets, Transport};
 
 const SIGMAS: f64 = 5.0;
 const CAP: u32 = 1_000_000;
@@ -106,6 +106,7 @@ fn stacks() -> Vec<(&'static str, Transport)> {
                 indices: vec![1.0, 1.6, 1.5, 1.4, 1.8, 1.3],
                 optical_depths: vec![0.1, 0.0, 0.3, 0.02],
                 facets: Facets { slope_sd: degrees(4.0), normals: Normals::Unweighted },
+                ..Transport::paper()
             },
         ),
         (
@@ -114,6 +115,7 @@ fn stacks() -> Vec<(&'static str, Transport)> {
                 indices: vec![1.33, 1.6, 1.6, 1.4, 1.8],
                 optical_depths: vec![0.0; 3],
                 facets: Facets { slope_sd: degrees(12.0), normals: Normals::Visible },
+                ..Transport::paper()
             },
         ),
     ]
@@ -232,6 +234,7 @@ fn a_clear_layer_of_the_ambients_index_absorbs_by_beers_law() {
             indices: vec![1.0; 3],
             optical_depths: vec![depth],
             facets: Facets { slope_sd: 0.0, normals: Normals::Unweighted },
+            ..Transport::paper()
         };
         let expected = (-depth / f64::to_radians(theta_deg).cos()).exp();
         for geometry in GEOMETRIES {
@@ -288,6 +291,7 @@ fn a_flat_face_reflects_everything_past_the_critical_angle_and_at_90_degrees() {
         indices: vec![1.5, 1.0, 1.5],
         optical_depths: vec![0.0],
         facets: Facets { slope_sd: 0.0, normals: Normals::Unweighted },
+        ..Transport::paper()
     };
     let pearl = Transport::alternating(500, 1.53, 1.43, 1.53, 0.0);
     for (transport, theta_deg) in [(&dense, 60.0), (&dense, 90.0), (&pearl, 90.0)] {
@@ -393,6 +397,36 @@ fn the_fair_coin_is_unbiased_and_the_papers_literal_rule_is_not() {
     assert!((pearl - 0.002).abs() < 0.0005 + SIGMAS * error, "{pearl} ± {error}");
 }
 
+/// Shares of the interior and of transmitted light within 4.5 standard errors of doubling's (p = 7e-6 each), seed 7.
+#[test]
+fn forced_entry_is_unbiased_for_all_but_the_single_reflection() {
+    let stack = Transport::alternating(20, 1.53, 1.43, 1.0, f64::to_radians(5.0));
+    let theta_i = [0.5, 1.4, 1.52];
+    let solved = transport::doubling::solve_to(&stack, Geometry::Space, &theta_i, 1e-3, false).unwrap();
+    let reference =
+        Reference { estimator: Estimator::ForcedEntry, ..Reference::new(&stack, Geometry::Space) };
+    for (lobe, theta) in solved.lobes.iter().zip(theta_i) {
+        let (exits, _) = reference.run(theta, 7, 40_000);
+        assert!(exits.iter().all(|exit| exit.fate != Fate::Single));
+        let expected = [
+            (Fate::Interior, lobe.albedo - lobe.surface),
+            (Fate::Rehit, lobe.rehit),
+            (Fate::Transmitted, lobe.transmitted),
+        ];
+        for (fate, share) in expected {
+            let weights =
+                exits.iter().map(|exit| if exit.fate == fate { f64::from(exit.weight) } else { 0.0 });
+            let (sum, square) = weights.fold((0.0, 0.0), |(s, q), w| (s + w, q + w * w));
+            let (n, mean) = (exits.len() as f64, sum / exits.len() as f64);
+            let error = ((square / n - mean * mean) / n).sqrt();
+            assert!(
+                (mean - share).abs() < 4.5 * error + 1e-6,
+                "{fate:?} at {theta}: {mean} ± {error}, {share}"
+            );
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
 
@@ -416,7 +450,7 @@ proptest! {
         indices.push(ends.1);
         let normals = if visible { Normals::Visible } else { Normals::Unweighted };
         let facets = Facets { slope_sd: slope_deg.to_radians(), normals };
-        let transport = Transport { indices, optical_depths, facets };
+        let transport = Transport { indices, optical_depths, facets, ..Transport::paper() };
         let geometry = if space { Geometry::Space } else { Geometry::Plane };
         let (exits, _) = walk_as(&transport, geometry, (Precision::Auto, None), theta_deg, 0..150, 20_000);
         for exit in exits {
@@ -426,5 +460,153 @@ proptest! {
             prop_assert!(transport.absorbs() || exit.weight == 1.0, "{exit:?}");
             prop_assert!(!leaves_top(&exit) || exit.direction[2] >= 0.0, "{exit:?}");
         }
+    }
+}
+
+/// Reflectance and transmittance of a pile of smooth faces, intensities added: the star product of one face after another.
+fn star(faces: &[f64]) -> (f64, f64) {
+    faces.iter().rev().fold((0.0, 1.0), |(below, through), &r| {
+        let loops = 1.0 / (1.0 - r * below);
+        (r + (1.0 - r) * (1.0 - r) * below * loops, (1.0 - r) * through * loops)
+    })
+}
+
+/// cos of the angle in a medium of index n of a ray that has the angle θ in vacuum.
+fn cosine_in(n: f64, theta: f64) -> f64 {
+    (1.0 - (theta.sin() / n).powi(2)).sqrt()
+}
+
+/// (s, p) reflectances of a face between indices, the ray at θ in vacuum.
+fn face(n1: f64, n2: f64, theta: f64) -> [f64; 2] {
+    let (c1, c2) = (cosine_in(n1, theta), cosine_in(n2, theta));
+    let s = (n1 * c1 - n2 * c2) / (n1 * c1 + n2 * c2);
+    let p = (n2 * c1 - n1 * c2) / (n2 * c1 + n1 * c2);
+    [s * s, p * p]
+}
+
+/// Five standard errors of a share (6e-7 for one comparison), and rounding.
+fn agrees(exits: &[Exit], expected: f64) {
+    let n = exits.len() as f64;
+    let out =
+        exits.iter().filter(|exit| matches!(exit.fate, Fate::Single | Fate::Rehit | Fate::Interior)).count();
+    let error = (expected * (1.0 - expected) / n).sqrt();
+    let found = out as f64 / n;
+    assert!((found - expected).abs() <= 5.0 * error + 1e-12, "{found} ± {error}, expected {expected}");
+}
+
+#[test]
+fn polarised_walks_of_smooth_faces_are_the_star_products_of_s_and_p() {
+    for theta_deg in [0.0, 30.0, 56.8, 75.0, 85.0] {
+        let theta = f64::to_radians(theta_deg);
+        let stack = Transport::alternating(60, 1.53, 1.43, 1.6, 0.0);
+        let faces: Vec<[f64; 2]> =
+            stack.indices.windows(2).map(|pair| face(pair[0], pair[1], theta)).collect();
+        let [s, p] = [0, 1].map(|i| star(&faces.iter().map(|f| f[i]).collect::<Vec<_>>()).0);
+        for (light, expected) in [(Light::S, s), (Light::P, p), (Light::Tracked, 0.5 * (s + p))] {
+            let stack = Transport { light, ..stack.clone() };
+            for precision in [Precision::F32, Precision::F64] {
+                let (exits, _) =
+                    walk_as(&stack, Geometry::Plane, (precision, None), theta_deg, 0..200_000, 1_000_000);
+                agrees(&exits, expected);
+            }
+            let (exits, _) = Reference::new(&stack, Geometry::Plane).run(theta, 5, 50_000);
+            agrees(&exits, expected);
+        }
+    }
+    let stack = Transport { light: Light::Tracked, ..Transport::paper() };
+    let refused = Walker::new(&stack, Geometry::Space, Precision::Auto, None);
+    assert!(matches!(refused, Err(WalkError::TrackedInSpace)));
+}
+
+#[test]
+fn walks_at_coherent_sheets_are_star_products_of_films() {
+    // 25 nm of 1.43 in 1.53 at 400 nm; 40 sheets on an aragonite substrate; also a light index, so that inside angles
+    // pass the critical one (frustrated total reflection).
+    for (outer, sheet, phase) in [(1.53, 1.43, 0.39), (1.53, 1.0, 0.6)] {
+        for theta_deg in [0.0, 40.0, 80.0] {
+            let theta = f64::to_radians(theta_deg);
+            let mut stack = Transport::alternating(40, outer, outer, outer, 0.0);
+            let sheets = Sheets { index: sheet, phase, last: 40 };
+            stack.sheets = Some(sheets);
+            let film = sheets.reflectance(outer, cosine_in(outer, theta));
+            let top = face(1.0, outer, theta);
+            let whole = |top: f64, film: f64| star(&[&[top][..], &[film; 40]].concat()).0;
+            let [s, p] = [whole(top[0], film.0), whole(top[1], film.1)];
+            // Unpolarised at every event: means of each face.
+            let mean = whole(0.5 * (top[0] + top[1]), 0.5 * (film.0 + film.1));
+            for (light, expected) in
+                [(Light::Unpolarised, mean), (Light::S, s), (Light::P, p), (Light::Tracked, 0.5 * (s + p))]
+            {
+                let stack = Transport { light, ..stack.clone() };
+                for geometry in GEOMETRIES {
+                    if geometry == Geometry::Space && light != Light::Unpolarised {
+                        continue;
+                    }
+                    let (exits, _) =
+                        walk_as(&stack, geometry, (Precision::Auto, None), theta_deg, 0..200_000, 1_000_000);
+                    agrees(&exits, expected);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn rough_walks_of_tracked_light_and_sheets_agree_with_the_reference() {
+    let sheets = Sheets { index: 1.43, phase: 0.39, last: 30 };
+    let pile = Transport::alternating(30, 1.53, 1.53, 1.53, 6.0_f64.to_radians());
+    let tracked = Transport {
+        light: Light::Tracked,
+        ..Transport::alternating(30, 1.7, 1.4, 1.5, 6.0_f64.to_radians())
+    };
+    let mut absorbing = Transport { sheets: Some(sheets), ..pile.clone() };
+    absorbing.optical_depths.fill(0.01);
+    for (stack, geometry) in [
+        (tracked, Geometry::Plane),
+        (Transport { sheets: Some(sheets), ..pile.clone() }, Geometry::Space),
+        (Transport { sheets: Some(sheets), light: Light::Tracked, ..pile }, Geometry::Plane),
+        (absorbing, Geometry::Plane),
+    ] {
+        for theta_deg in [20.0, 70.0] {
+            let (fast, _) =
+                walk_as(&stack, geometry, (Precision::Auto, None), theta_deg, 0..200_000, 1_000_000);
+            let (slow, _) = Reference::new(&stack, geometry).run(theta_deg.to_radians(), 9, 100_000);
+            // Albedo and mean sine of the exit angle, light weighted: 4.5 standard errors, 7e-6 for one comparison.
+            for value in [|_: &Exit| 1.0, |exit: &Exit| f64::from(exit.direction[0])] {
+                let [(a, va), (b, vb)] = [&fast, &slow].map(|exits| {
+                    let values: Vec<f64> = exits
+                        .iter()
+                        .map(|exit| match exit.fate {
+                            Fate::Single | Fate::Rehit | Fate::Interior => {
+                                f64::from(exit.weight) * value(exit)
+                            }
+                            _ => 0.0,
+                        })
+                        .collect();
+                    let n = values.len() as f64;
+                    let mean = values.iter().sum::<f64>() / n;
+                    (mean, values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n * n))
+                });
+                assert!(
+                    (a - b).abs() < 4.5 * (va + vb).sqrt(),
+                    "{theta_deg}: {a} {b} ± {}",
+                    (va + vb).sqrt()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn sheets_that_are_no_thin_films_are_refused() {
+    let stack = Transport::alternating(4, 1.53, 1.43, 1.53, 0.03);
+    for (sheets, said) in [
+        (Sheets { index: 1.43, phase: 0.3, last: 1 }, "sheet 1 lies between indices 1.53 and 1.43"),
+        (Sheets { index: 1.43, phase: 1.2, last: 0 }, "at most a quarter of a wave"),
+        (Sheets { index: 1.43, phase: 0.3, last: 9 }, "below the last interface"),
+    ] {
+        let stack = Transport { sheets: Some(sheets), ..stack.clone() };
+        let line = Walker::new(&stack, Geometry::Plane, Precision::Auto, None).unwrap_err().to_string();
+        assert!(line.contains(said), "{line}");
     }
 }

@@ -17,15 +17,17 @@ const USAGE: &str = "\
 cargo xtask test     set up and run every check (what CI runs)
 cargo xtask setup    only set up: Python environment, libLLVM
 cargo xtask rust     only the Rust checks: format, lints, docs, tests
-cargo xtask python   only the checks against Python readers and renderers";
+cargo xtask python   only the checks against Python readers and renderers
+cargo xtask long     the studies that take minutes to an hour: the main job against its truths";
 
 fn main() -> ExitCode {
     let command = std::env::args().nth(1).unwrap_or_default();
     let outcome = match command.as_str() {
-        "test" => rust().and_then(|()| python_checks()),
+        "test" => rust().and_then(|()| python_checks("tests/python")),
         "setup" => python::environment().map(drop),
         "rust" => rust(),
-        "python" => python_checks(),
+        "python" => python_checks("tests/python"),
+        "long" => python_checks("tests/long"),
         _ => {
             eprintln!("{USAGE}");
             return ExitCode::from(2);
@@ -57,11 +59,11 @@ fn rust() -> Result<()> {
     step("long tests", cargo(&["test", "--release", "--workspace", "--", "--ignored", "long_"]))
 }
 
-fn python_checks() -> Result<()> {
+fn python_checks(folder: &str) -> Result<()> {
     step("release build", cargo(&["build", "--release", "--workspace"]))?;
     let python = python::environment()?;
     let mut pytest = Command::new(python);
-    pytest.args(["-m", "pytest", "-q", "-rs", "tests/python"]).current_dir(root());
+    pytest.args(["-m", "pytest", "-q", "-rsP", folder]).current_dir(root());
     pytest.env("NACRE_BIN", root().join("target/release"));
     step("python", pytest)
 }

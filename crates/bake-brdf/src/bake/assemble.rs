@@ -5,22 +5,23 @@ use super::{Request, SolverChoice, Target, content_hash};
 use crate::bake::sampling::Sampling;
 use crate::recipe::Recipe;
 use crate::tally::CellShares;
+use faer::Mat;
 use lut_io::axis::{ExitAxis, Stretched};
 use lut_io::measure;
 use lut_io::table::{
     Accuracy, AzimuthMode, Component, IncidenceSummary, Lobe, Meta, SCHEMA, Solver, SummaryErrors,
     SurfaceModel, Table,
 };
-use transport::doubling::{ErrorEstimate, Solution};
+use transport::doubling::{ErrorEstimate, Lobe as SolvedLobe, Solution};
 use transport::{Normals, Transport};
 
 /// What a solver knows of one incidence.
-struct Incidence {
-    summary: IncidenceSummary,
+pub(super) struct Incidence {
+    pub(super) summary: IncidenceSummary,
     /// In the order of [`Component::ALL`].
-    components: [CellShares; 3],
+    pub(super) components: [CellShares; 3],
     /// Statistical part of the total variation.
-    noise: f64,
+    pub(super) noise: f64,
 }
 
 /// The table of a finished walk.
@@ -95,7 +96,7 @@ pub(super) fn doubling_table(
     table(request, transport, axis, (Solver::Doubling, settings), incidences, halfway)
 }
 
-fn settings<const N: usize>(
+pub(super) fn settings<const N: usize>(
     entries: [(&str, serde_json::Value); N],
 ) -> serde_json::Map<String, serde_json::Value> {
     entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
@@ -117,14 +118,33 @@ pub(super) fn lobeless_table(request: &Request, transport: &Transport, axis: &Ex
 }
 
 fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> IncidenceSummary {
-    let lobe = &solution.lobes[i];
     let error = solution.error.clone().unwrap_or_else(|| ErrorEstimate {
         total_variation: vec![0.0; solution.lobes.len()],
+        transmitted: Vec::new(),
         albedo: 0.0,
         mean: 0.0,
         sd: 0.0,
         skew: 0.0,
     });
+    let std_error = SummaryErrors {
+        albedo: error.albedo,
+        transmitted: error.albedo,
+        absorbed: error.albedo,
+        truncated: 0.0,
+        surface: error.albedo,
+        mean_theta_o_deg: error.mean.to_degrees(),
+        sd_theta_o_deg: error.sd.to_degrees(),
+        skew_theta_o: error.skew,
+    };
+    summary(&solution.lobes[i], theta_i_deg, std_error, 100.0 * error.total_variation[i])
+}
+
+pub(super) fn summary(
+    lobe: &SolvedLobe,
+    theta_i_deg: f64,
+    std_error: SummaryErrors,
+    accuracy_percent: f64,
+) -> IncidenceSummary {
     IncidenceSummary {
         theta_i_deg,
         albedo: lobe.albedo,
@@ -136,68 +156,74 @@ fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> Incidenc
         mean_theta_o_deg: lobe.mean.to_degrees(),
         sd_theta_o_deg: lobe.sd.to_degrees(),
         skew_theta_o: lobe.skew,
-        std_error: SummaryErrors {
-            albedo: error.albedo,
-            transmitted: error.albedo,
-            absorbed: error.albedo,
-            truncated: 0.0,
-            surface: error.albedo,
-            mean_theta_o_deg: error.mean.to_degrees(),
-            sd_theta_o_deg: error.sd.to_degrees(),
-            skew_theta_o: error.skew,
-        },
+        std_error,
         paths: 0,
         azimuth_width_deg: 0.0,
-        accuracy_percent: 100.0 * error.total_variation[i],
+        accuracy_percent,
     }
 }
 
-/// Share of the incident light in each cell, by component: a Gauss rule in cell position, three points a cell on the
-/// columns and two on φ, where lobes are smoother.
-pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize) -> [Vec<f64>; 3] {
-    let theta_i = solution.lobes[incidence].theta_i;
-    let columns = axis.columns_at(theta_i);
-    let phi_axis = axis.phi_at(theta_i);
-    let (angles, mut weights) = gauss(&columns, &GAUSS_3);
-    let (azimuths, azimuth_weights) = match &phi_axis {
-        None => (vec![0.0], vec![1.0]),
-        Some(phi) => {
-            for (weight, angle) in weights.iter_mut().zip(&angles) {
-                *weight *= angle.sin();
-            }
-            // Both mirror halves.
-            let (azimuths, weights) = gauss(phi, &GAUSS_2);
-            (azimuths, weights.iter().map(|w| 2.0 * w).collect())
-        }
-    };
-    let basis = solution.basis(&angles, &azimuths);
-    let [interior, rehit, single] = [
-        solution.interior(incidence, &basis),
-        solution.rehit(incidence, &basis),
-        solution.single(incidence, &basis),
-    ];
-    let rows = axis.rows_per_incidence();
-    let (per_column, per_row) = (angles.len() / columns.cells, azimuths.len() / rows);
-    let mut shares = [const { Vec::new() }; 3];
-    for row in 0..rows {
-        for column in 0..columns.cells {
-            let (mut inner, mut hit, mut first) = (0.0, 0.0, 0.0);
-            for f in row * per_row..(row + 1) * per_row {
-                for k in column * per_column..(column + 1) * per_column {
-                    let weight = weights[k] * azimuth_weights[f];
-                    inner += weight * interior[(k, f)];
-                    hit += weight * rehit[(k, f)];
-                    first += weight * single[(k, f)];
+/// A Gauss rule over the cells around one lobe, three points a cell on the columns and two on φ, where lobes are
+/// smoother.
+pub(super) struct CellRule {
+    pub(super) angles: Vec<f64>,
+    pub(super) azimuths: Vec<f64>,
+    weights: Vec<f64>,
+    azimuth_weights: Vec<f64>,
+    columns: usize,
+    rows: usize,
+}
+
+impl CellRule {
+    /// The rule over the cells of a row whose lobe is centred at `specular` (radians).
+    pub(super) fn new(axis: &ExitAxis, specular: f64) -> Self {
+        let columns = axis.columns_at(specular);
+        let (angles, mut weights) = gauss(&columns, &GAUSS_3);
+        let (azimuths, azimuth_weights) = match &axis.phi_at(specular) {
+            None => (vec![0.0], vec![1.0]),
+            Some(phi) => {
+                for (weight, angle) in weights.iter_mut().zip(&angles) {
+                    *weight *= angle.sin();
                 }
+                // Both mirror halves.
+                let (azimuths, weights) = gauss(phi, &GAUSS_2);
+                (azimuths, weights.iter().map(|w| 2.0 * w).collect())
             }
-            // Truncated series may dip below zero where there is next to no light.
-            let (inner, hit, first) = (inner.max(0.0), hit.max(0.0), first.max(0.0));
-            for (share, value) in shares.iter_mut().zip([inner, first + hit, hit]) {
-                share.push(value);
+        };
+        let rows = axis.rows_per_incidence();
+        Self { angles, azimuths, weights, azimuth_weights, columns: columns.cells, rows }
+    }
+
+    /// Integral of a density (rows angles, columns azimuths) over each cell.
+    pub(super) fn shares(&self, density: &Mat<f64>) -> Vec<f64> {
+        let per_column = self.angles.len() / self.columns;
+        let per_row = self.azimuths.len() / self.rows;
+        let mut shares = Vec::with_capacity(self.rows * self.columns);
+        for row in 0..self.rows {
+            for column in 0..self.columns {
+                let mut share = 0.0;
+                for f in row * per_row..(row + 1) * per_row {
+                    for k in column * per_column..(column + 1) * per_column {
+                        share += self.weights[k] * self.azimuth_weights[f] * density[(k, f)];
+                    }
+                }
+                // Truncated series may dip below zero where there is next to no light.
+                shares.push(share.max(0.0));
             }
         }
+        shares
     }
-    shares
+}
+
+/// Share of the incident light in each cell, by component.
+pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize) -> [Vec<f64>; 3] {
+    let rule = CellRule::new(axis, solution.lobes[incidence].theta_i);
+    let basis = solution.basis(&rule.angles, &rule.azimuths);
+    let interior = rule.shares(&solution.interior(incidence, &basis));
+    let rehit = rule.shares(&solution.rehit(incidence, &basis));
+    let single = rule.shares(&solution.single(incidence, &basis));
+    let surface = single.iter().zip(&rehit).map(|(single, rehit)| single + rehit).collect();
+    [interior, surface, rehit]
 }
 
 /// Scales the single reflection to its known share. At θi = 90° its ridge in φ (2pq for slopes p, q) is narrower than any
@@ -225,7 +251,7 @@ const GAUSS_3: [(f64, f64); 3] =
 const GAUSS_2: [(f64, f64); 2] = [(0.211_324_865_405_187_1, 0.5), (0.788_675_134_594_812_9, 0.5)];
 
 /// The table and its error half-way between incidences, which `halfway` knows or finds from the table's rows.
-fn table(
+pub(super) fn table(
     request: &Request,
     transport: &Transport,
     axis: &ExitAxis,
@@ -261,7 +287,13 @@ fn table(
     settings.insert("interpolation".to_owned(), serde_json::json!(halfway.by));
     let solver = (solver, settings.into());
     let [interior, surface, rehit] = lobes;
-    Table { meta: meta(request, transport, axis, solver, summaries, accuracy), interior, surface, rehit }
+    Table {
+        meta: meta(request, transport, axis, solver, summaries, accuracy),
+        interior,
+        surface,
+        rehit,
+        passages: None,
+    }
 }
 
 fn meta(
@@ -316,7 +348,7 @@ pub(super) fn azimuth_width_deg(recipe: &Recipe, sd_theta_o_deg: f64) -> f64 {
 }
 
 /// Stored values, errors and counts of one component at one incidence.
-fn push_row(lobe: &mut Lobe, shares: &CellShares, extents: &[f64], weights: &[f64]) {
+pub(super) fn push_row(lobe: &mut Lobe, shares: &CellShares, extents: &[f64], weights: &[f64]) {
     let factors = measure::value_factors(&shares.share, extents, weights);
     let scaled = |values: &[f64]| -> Vec<f32> {
         values.iter().zip(&factors).map(|(value, factor)| (value * factor) as f32).collect()
@@ -328,7 +360,7 @@ fn push_row(lobe: &mut Lobe, shares: &CellShares, extents: &[f64], weights: &[f6
 
 /// At normal incidence nothing distinguishes an azimuth: averages over the cells that differ by it alone, and
 /// keeps each cell's own count. Averaging n independent shares divides the error of their sum by n.
-fn symmetrise(axis: &ExitAxis, extents: &[f64], shares: &mut CellShares) {
+pub(super) fn symmetrise(axis: &ExitAxis, extents: &[f64], shares: &mut CellShares) {
     let columns = axis.columns();
     let rows = axis.rows_per_incidence();
     let groups: Vec<Vec<usize>> = match axis {

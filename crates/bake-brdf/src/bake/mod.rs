@@ -1,10 +1,14 @@
 //! From a recipe to a table: chooses cells and incidences, runs a solver, assembles the result.
 
 pub(crate) mod assemble;
+mod choice;
 mod halfway;
 pub mod reproduce;
 pub mod sampling;
+mod second_side;
 pub mod snapshot;
+
+pub use choice::choose_solver;
 
 use crate::effects::{Decisions, Effect, EffectSet, View};
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
@@ -17,9 +21,9 @@ use serde::{Deserialize, Serialize};
 use snapshot::Snapshot;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
-use transport::doubling;
+use transport::doubling::{self, DoublingError};
 use transport::walk::lanes::Precision;
-use transport::{Geometry, Transport};
+use transport::{Geometry, Light, Transport};
 
 /// Columns of a plane table: cells of 0.07 σ-widths at the lobe's centre keep the reading error near 5e-4.
 const PLANE_CELLS: usize = 128;
@@ -90,6 +94,9 @@ pub enum BakeError {
     /// Something else that was asked for cannot be done; one line that says what would be right.
     #[error("{0}")]
     Input(String),
+    /// Doubling does not reach what was asked for; the walk may.
+    #[error("solver doubling: {0}")]
+    Doubling(#[from] DoublingError),
     /// The observer asked to stop.
     #[error("interrupted; nothing was written")]
     Interrupted,
@@ -214,7 +221,16 @@ impl Request {
     /// # Errors
     /// As [`Recipe::transport`].
     pub fn transport(&self) -> Result<Transport, BakeError> {
-        let mut transport = self.recipe.transport(self.recipe.wavelength())?;
+        let wavelength = self.recipe.wavelength();
+        let has = |effect| self.effects.contains(effect);
+        let mut transport = if has(Effect::CoherentSheets) && has(Effect::Blur) {
+            self.recipe.sheet_transport(wavelength)?
+        } else {
+            self.recipe.transport(wavelength)?
+        };
+        if has(Effect::Polarisation) && has(Effect::Blur) {
+            transport.light = Light::Tracked;
+        }
         if !self.effects.contains(Effect::Absorption) {
             transport.optical_depths.fill(0.0);
         }
@@ -302,11 +318,24 @@ fn lobeless(request: &Request) -> Result<Table, BakeError> {
     Ok(assemble::lobeless_table(&request, &transport, &axis))
 }
 
+/// Which sides of the stack a bake answers for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sides {
+    /// Light from above that comes back.
+    Above,
+    /// Also what passes, and light from below: the section `both_sides` of the table.
+    Both,
+}
+
 /// Bakes with adding and doubling to the accuracy asked for.
 ///
 /// # Errors
 /// A request for paths or time, or a problem out of the solver's reach; the message says what would do.
-pub fn doubling(request: &Request) -> Result<Table, BakeError> {
+pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
+    if !request.effects.has_lobe() && sides == Sides::Both {
+        let line = "both-sides: the effects leave no lobe, expected surface or blur among them";
+        return Err(BakeError::Input(line.to_owned()));
+    }
     if !request.effects.has_lobe() {
         return coloured(request, lobeless(request)?, &request.colours()?);
     }
@@ -315,43 +344,44 @@ pub fn doubling(request: &Request) -> Result<Table, BakeError> {
         return Err(BakeError::Input(NO_PATHS.to_owned()));
     };
     let transport = request.transport()?;
+    if let Some(why) = walk_only(&transport) {
+        return Err(BakeError::Input(format!("solver doubling: {why}; use --solver walk or auto")));
+    }
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
     // Before the lobe, so that a refusal comes before the work.
     let colours = request.colours()?;
+    if transport.facets.slope_sd == 0.0 {
+        let lobes = doubling::smooth(&transport, &request.theta_i())?;
+        let below = match sides {
+            Sides::Above => None,
+            Sides::Both => Some(doubling::smooth(&transport.upside_down(), &request.theta_i())?),
+        };
+        let table = second_side::smooth_table(request, &transport, &axis, &lobes, below.as_deref());
+        return coloured(request, table.map_err(invalid)?, &colours);
+    }
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
     let mut theta_i = request.theta_i();
     let intervals = halfway::intervals(&theta_i);
     theta_i.extend(halfway::middles(&theta_i, &intervals));
-    let solution = doubling::solve_to(&transport, request.geometry(), &theta_i, share, false)
-        .map_err(|why| BakeError::Input(format!("solver doubling: {why}")))?;
-    let table = assemble::doubling_table(request, &transport, &axis, &solution, &intervals);
+    let both_sides = sides == Sides::Both;
+    let solution = doubling::solve_to(&transport, request.geometry(), &theta_i, share, both_sides)?;
+    let mut table = assemble::doubling_table(request, &transport, &axis, &solution, &intervals);
+    if let Some(below) = &solution.from_below {
+        second_side::add(&mut table, request, &transport, &solution, below).map_err(invalid)?;
+    }
     coloured(request, table, &colours)
 }
 
-/// Which solver is cheaper for a request, and why in one sentence.
-///
-/// # Errors
-/// A bad request.
-pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeError> {
-    request.check()?;
-    let Target::AccuracyPercent(percent) = request.target else {
-        return Ok((
-            SolverChoice::Walk,
-            "paths or a time budget were asked for, which only the walk has".to_owned(),
-        ));
-    };
-    let transport = request.transport()?;
-    let geometry = request.geometry();
-    let share = (percent / 100.0).min(COARSEST_DOUBLING);
-    let settings = doubling::Settings::for_accuracy(&transport, geometry, share);
-    let by_doubling = doubling_seconds(request, &transport)?;
-    if let Err(why) = settings.check(&transport, geometry, &request.theta_i()) {
-        return Ok((SolverChoice::Walk, format!("doubling is out of reach here: {why}")));
+/// Why a problem has no solution by doubling, if it has none.
+fn walk_only(transport: &Transport) -> Option<&'static str> {
+    if transport.sheets.is_some() {
+        return Some("coherent sheets are walked only");
     }
-    let by_walk = sampling::estimate_seconds(request, share)?;
-    let choice = if by_doubling <= by_walk { SolverChoice::Doubling } else { SolverChoice::Walk };
-    let reason = format!("doubling would take about {by_doubling:.2} s, the walk {by_walk:.2} s");
-    Ok((choice, reason))
+    (transport.light == Light::Tracked).then_some("s and p are tracked by the walk only")
+}
+
+fn invalid(flaw: lut_io::Flaw) -> BakeError {
+    BakeError::Input(format!("the table would not be valid: {flaw}"))
 }
 
 /// Bakes with the Monte Carlo walk; goes on from `resume` where that is given. A bake that is interrupted hands its
@@ -461,6 +491,12 @@ fn doubling_seconds(request: &Request, transport: &Transport) -> Result<f64, Bak
     let Target::AccuracyPercent(percent) = request.target else {
         return Err(BakeError::Input(NO_PATHS.to_owned()));
     };
+    if let Some(why) = walk_only(transport) {
+        return Err(BakeError::Input(format!("solver doubling: {why}; use --solver walk or auto")));
+    }
+    if transport.facets.slope_sd == 0.0 {
+        return Ok(0.0); // a closed form
+    }
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
     let settings = doubling::Settings::for_accuracy(transport, request.geometry(), share);
     let cost = settings.cost(transport, request.geometry(), request.incident_deg.len());

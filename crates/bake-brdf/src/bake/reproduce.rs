@@ -4,7 +4,7 @@
 //! each, so that nothing else is needed. A bake to an accuracy goes through its decisions again; one to a time walks
 //! the paths that the table says it holds.
 
-use super::{BakeError, Observer, Request, Target, assemble};
+use super::{BakeError, Observer, Request, Sides, Target, assemble};
 use crate::bake::sampling::{self, Shard};
 use crate::effects::{Effect, EffectSet};
 use crate::recipe::Recipe;
@@ -109,7 +109,8 @@ fn target(meta: &Meta) -> Result<Target, BakeError> {
 pub fn bake_again(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeError> {
     let request = request(meta)?;
     if meta.solver == Solver::Doubling {
-        return super::doubling(&request);
+        let sides = if meta.extra.contains_key(lut_io::both_sides::KEY) { Sides::Both } else { Sides::Above };
+        return super::doubling(&request, sides);
     }
     if !matches!(request.target, Target::Time(_)) {
         return super::walk(&request, observer, None);

@@ -408,9 +408,18 @@ fn paths_for(tally: &Tally, accuracy: f64) -> u64 {
     (chunks as u64).saturating_mul(CHUNK)
 }
 
-/// Seconds that a walk to `accuracy` (a share) would take with the threads in use, from a few hundred paths at a few
-/// incidences: good to about a quarter, and done in milliseconds.
-pub(super) fn estimate_seconds(request: &Request, accuracy: f64) -> Result<f64, BakeError> {
+/// What a walk has to do in all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Effort {
+    /// Facets met.
+    pub(super) crossings: f64,
+    /// Paths.
+    pub(super) paths: f64,
+}
+
+/// What a walk to `accuracy` (a share) has to do, from a few hundred paths at a few incidences: counts of seeded paths,
+/// so the same anywhere; good to about a quarter, and done in milliseconds.
+pub(super) fn scout(request: &Request, accuracy: f64) -> Result<Effort, BakeError> {
     let angles = &request.incident_deg;
     let every = angles.len().div_ceil(SCOUTS);
     let few: Vec<f64> = angles.iter().copied().step_by(every).collect();
@@ -418,7 +427,11 @@ pub(super) fn estimate_seconds(request: &Request, accuracy: f64) -> Result<f64, 
     let scouted = Request { incident_deg: few, ..request.clone() };
     let (mut sampling, _, _) = scouted.sampling(Shard::WHOLE)?;
     sampling.walk_pilot(SCOUT_PATHS, &Observer::idle())?;
-    let targets: Vec<u64> = sampling.state.tallies.iter().map(|tally| paths_for(tally, accuracy)).collect();
-    // Few paths leave the lanes half empty: the rate of a long walk is about twice that of the scouts.
-    Ok(0.5 * share * sampling.seconds_to(&targets))
+    let mut effort = Effort { crossings: 0.0, paths: 0.0 };
+    for tally in &sampling.state.tallies {
+        let paths = share * paths_for(tally, accuracy).max(PILOT) as f64;
+        effort.paths += paths;
+        effort.crossings += paths * tally.crossings as f64 / tally.paths as f64;
+    }
+    Ok(effort)
 }

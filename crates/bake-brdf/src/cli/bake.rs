@@ -5,7 +5,7 @@ use super::terms::{self, TermsArgs, recipe};
 use super::{Manners, manners};
 use bake_brdf::bake::sampling::{Shard, State};
 use bake_brdf::bake::snapshot::{self, MOST_SHARDS, Snapshot};
-use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, SolverChoice};
+use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, Sides, SolverChoice};
 use bake_brdf::effects::View;
 use bake_brdf::plan::{self, Terms};
 use lut_io::table::{Solver, Table};
@@ -45,13 +45,17 @@ pub(crate) struct BakeArgs {
     /// Walk one share of the paths and write its state; `lut merge` makes the table of all shares.
     #[arg(long, value_name = "I/N", requires = "paths", conflicts_with = "scene")]
     shard: Option<String>,
+    /// Also store what passes and what becomes of light from below, so that the body under the nacre can be changed without
+    /// baking again; needs --solver doubling (or auto).
+    #[arg(long, conflicts_with_all = ["paths", "time_budget", "shard", "resume", "scene"])]
+    both_sides: bool,
     /// Say what the bake would cost and write nothing.
     #[arg(long)]
     dry_run: bool,
     /// Bake a table again from its own metadata and compare every bit; exit 3 if one differs. Writes nothing.
     #[arg(long, value_name = "FILE", conflicts_with_all = [
         "recipe", "output", "solver", "target", "seed", "azimuth", "effects", "incident_deg", "event_cap", "precision",
-        "checkpoint", "checkpoint_every", "resume", "shard", "dry_run", "scene",
+        "checkpoint", "checkpoint_every", "resume", "shard", "dry_run", "scene", "both_sides",
     ])]
     reproduce: Option<PathBuf>,
 }
@@ -83,10 +87,11 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
         None => "pearl.exr".into(),
         Some(Shard { index, count }) => format!("pearl-{index}-of-{count}.shard").into(),
     });
+    let sides = sides(args, &terms)?;
     writable(&output)?;
-    manners::watch_for_interrupts()?;
     let started = Instant::now();
     if let Some(shard) = shard {
+        manners::watch_for_interrupts()?;
         let snapshot = pool
             .install(|| watched(manners, None, |observer| snapshot::walk_shard(&request, shard, observer)))?;
         return snapshot.write(&output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())));
@@ -94,7 +99,13 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     let every = terms::budget("checkpoint-every", args.checkpoint_every)?;
     let kept = Kept { from_the_start: args.checkpoint, every, resume: args.resume };
     let table = pool.install(|| {
+        if sides == Sides::Both {
+            return keep(bake::doubling(&request, sides).map_err(stop)?, &output);
+        }
         let solver = choose(&terms, &request, manners)?;
+        if terms.solver == Some(SolverChoice::Auto) && solver == SolverChoice::Doubling {
+            return double_or_walk(&request, &output, kept, manners);
+        }
         bake_to(&request, solver, &output, kept, manners)
     })?;
     let seconds = started.elapsed().as_secs_f64();
@@ -102,6 +113,17 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
         return terminal::print_json(&report(&table, &output, seconds));
     }
     terminal::print(&summary(&table, &output, seconds))
+}
+
+/// Which sides were asked for; only doubling has both.
+fn sides(args: &BakeArgs, terms: &Terms) -> Result<Sides, Stop> {
+    match (args.both_sides, terms.solver) {
+        (false, _) => Ok(Sides::Above),
+        (true, Some(SolverChoice::Doubling | SolverChoice::Auto)) => Ok(Sides::Both),
+        (true, _) => Err(Stop::bad_input(
+            "--both-sides: the walk comes from above only, expected --solver doubling or auto",
+        )),
+    }
 }
 
 /// Which checkpoints a bake keeps and reads.
@@ -122,13 +144,33 @@ pub(super) fn bake_to(
 ) -> Result<Table, Stop> {
     let keeper = Keeper::new(output, kept.from_the_start, kept.every, request);
     let table = if solver == SolverChoice::Doubling {
-        bake::doubling(request).map_err(stop)?
+        bake::doubling(request, Sides::Above).map_err(stop)?
     } else {
+        // Only the walk has something to keep when it is interrupted; doubling just ends.
+        manners::watch_for_interrupts()?;
         let resume = if kept.resume { keeper.load(manners)? } else { None };
         watched(manners, Some(&keeper), |observer| bake::walk(request, observer, resume))?
     };
-    lut_io::exr_file::write(&table, output).map_err(|why| Stop::failure(why.to_string()))?;
+    let table = keep(table, output)?;
     keeper.remove();
+    Ok(table)
+}
+
+/// Doubling chosen by `auto`: where it does not reach what was asked for, the walk.
+fn double_or_walk(request: &Request, output: &Path, kept: Kept, manners: &Manners) -> Result<Table, Stop> {
+    match bake::doubling(request, Sides::Above) {
+        Err(why @ BakeError::Doubling(_)) => {
+            if !manners.quiet {
+                say(&format!("{why}; walking instead"));
+            }
+            bake_to(request, SolverChoice::Walk, output, kept, manners)
+        }
+        table => keep(table.map_err(stop)?, output),
+    }
+}
+
+fn keep(table: Table, output: &Path) -> Result<Table, Stop> {
+    lut_io::exr_file::write(&table, output).map_err(|why| Stop::failure(why.to_string()))?;
     Ok(table)
 }
 

@@ -7,6 +7,7 @@ mod reproduce;
 mod scene;
 mod study;
 mod terms;
+mod why_not;
 
 use clap::{Args, CommandFactory as _, Parser, Subcommand};
 use terminal::Outcome;

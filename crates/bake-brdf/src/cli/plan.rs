@@ -20,6 +20,9 @@ pub(crate) struct PlanArgs {
     scene: SceneArgs,
     #[command(flatten)]
     terms: TermsArgs,
+    /// Also bake each pearl with every effect switched the other way, and say what that changes in a picture and what it costs.
+    #[arg(long)]
+    why_not: bool,
 }
 
 /// The scene that says what is needed.
@@ -46,22 +49,28 @@ impl SceneArgs {
 /// Runs the command.
 pub(crate) fn run(args: &PlanArgs, manners: &Manners) -> Outcome {
     let pool = super::pool(manners)?;
-    let plan = match &args.scene.scene {
+    let (plan, terms) = match &args.scene.scene {
         Some(path) => {
             let scene = args.scene.read(path)?;
             let terms = args.terms.terms(Some(SolverChoice::Auto))?;
-            pool.install(|| Plan::of_scene(&scene, &terms)).map_err(refuse)?
+            (pool.install(|| Plan::of_scene(&scene, &terms)).map_err(refuse)?, terms)
         }
         None => {
             let (recipe, from) = recipe(args.recipe.as_deref())?;
             let terms = args.terms.terms(None)?;
-            pool.install(|| Plan::of_recipe(recipe, &from, &terms)).map_err(refuse)?
+            (pool.install(|| Plan::of_recipe(recipe, &from, &terms)).map_err(refuse)?, terms)
         }
     };
+    let why_not = args.why_not.then(|| pool.install(|| super::why_not::report(&plan, &terms))).transpose()?;
     if manners.json {
-        return terminal::print_json(&report(&plan));
+        let mut report = report(&plan);
+        if let Some((differences, _)) = why_not {
+            report["why_not"] = differences;
+        }
+        return terminal::print_json(&report);
     }
-    terminal::print(&table(&plan))
+    let text = table(&plan) + &why_not.map_or_else(String::new, |(_, text)| format!("\n{text}"));
+    terminal::print(&text)
 }
 
 /// A plan's error as a tool's.

@@ -146,12 +146,16 @@ fn summary(study: &Study) -> String {
     text
 }
 
-/// Error against time, both axes logarithmic.
+/// Seconds up to which the walks' fitted lines are drawn: about a quarter of an hour.
+const LINES_END: f64 = 1000.0;
+
+/// Error against time, both axes logarithmic: measurements as points, the walks' fitted power laws as dashed lines.
 fn figure(study: &Study) -> Scene {
     let styles = [
         (Contender::WalkF32, AzimuthMode::Decay, "#0072b2", "walk, plane"),
+        (Contender::WalkF64, AzimuthMode::Decay, "#7f7f7f", "walk, plane, 64 bits"),
         (Contender::WalkF32, AzimuthMode::Walk, "#56b4e9", "walk, space"),
-        (Contender::WalkF64, AzimuthMode::Decay, "#999999", "walk in 64 bits, plane"),
+        (Contender::WalkF64, AzimuthMode::Walk, "#b3b3b3", "walk, space, 64 bits"),
         (Contender::Doubling, AzimuthMode::Decay, "#d55e00", "doubling, plane"),
         (Contender::Doubling, AzimuthMode::Walk, "#e69f00", "doubling, space"),
     ];
@@ -163,8 +167,16 @@ fn figure(study: &Study) -> Scene {
             .filter(|p: &&Point| p.contender == contender && p.azimuth == azimuth)
             .map(|p| (p.seconds, p.mean_error))
             .collect();
-        let line = LinePlot::new().with_data(points.clone()).with_color(colour).with_stroke_width(2.0);
-        plots.push(line.with_legend(label).into());
+        let fitted = study.slopes.iter().find(|s| s.contender == contender && s.azimuth == azimuth);
+        let line = match (fitted, points.first()) {
+            (Some(fit), Some(&(start, _))) => {
+                let at = |seconds: f64| (seconds, fit.error_at_one_second * seconds.powf(fit.slope));
+                let label = format!("{label} (slope {:.2})", fit.slope);
+                LinePlot::new().with_data([at(start), at(LINES_END)]).with_dashed().with_legend(label)
+            }
+            _ => LinePlot::new().with_data(points.clone()).with_legend(label),
+        };
+        plots.push(line.with_color(colour).with_stroke_width(2.0).into());
         plots.push(ScatterPlot::new().with_data(points).with_color(colour).with_size(4.0).into());
     }
     let layout = Layout::auto_from_plots(&plots)
@@ -183,7 +195,7 @@ fn figure(study: &Study) -> Scene {
         .with_label_size(14)
         .with_tick_size(12)
         .with_body_size(12)
-        .with_width(760.0)
+        .with_width(800.0)
         .with_height(460.0);
     render_multiple(plots, layout)
 }

@@ -21,16 +21,16 @@ pub(crate) struct TermsArgs {
     #[arg(long, value_enum)]
     solver: Option<SolverArg>,
     /// Total variation to reach at the worst incidence, per cent of the reflected light [default: 1].
-    #[arg(long, value_name = "PERCENT", group = "target")]
+    #[arg(long, value_name = "PERCENT", group = "target", allow_negative_numbers = true)]
     accuracy: Option<f64>,
     /// Paths per incidence.
-    #[arg(long, value_name = "N", group = "target")]
+    #[arg(long, value_name = "N", group = "target", allow_negative_numbers = true)]
     paths: Option<u64>,
     /// Wall-clock time to spend.
-    #[arg(long, value_name = "SECONDS", group = "target")]
+    #[arg(long, value_name = "SECONDS", group = "target", allow_negative_numbers = true)]
     time_budget: Option<f64>,
     /// Seed: the same seed gives the same file.
-    #[arg(long, value_name = "S", default_value_t = 1)]
+    #[arg(long, value_name = "S", default_value_t = 1, allow_negative_numbers = true)]
     seed: u64,
     /// Azimuth mode, in place of the recipe's.
     #[arg(long, value_enum)]

@@ -2,6 +2,7 @@
 
 use crate::{FileArg, read};
 use lut_io::axis::ExitAxis;
+use lut_io::both_sides::BothSides;
 use lut_io::table::{AzimuthMode, IncidenceSummary, Meta};
 use std::fmt::Write as _;
 use terminal::{Outcome, Stop};
@@ -59,6 +60,24 @@ fn text(meta: &Meta) -> String {
     text.push_str("\n  theta_i   albedo    +-      surface  transmitted  absorbed  mean exit     sd    skew     paths\n");
     for summary in &meta.per_incidence {
         text.push_str(&row(summary));
+    }
+    if let Ok(Some(section)) = BothSides::of(meta) {
+        text.push_str(&from_below(&section));
+    }
+    text
+}
+
+fn from_below(section: &BothSides) -> String {
+    let mut text = format!(
+        "\nlight from below, at the same angles in the substrate (n = {})\n  theta_i   reflected  transmitted  absorbed\n",
+        section.n_substrate
+    );
+    for below in &section.from_below {
+        let _ = writeln!(
+            text,
+            "{:>8.3}°  {:.5}    {:.5}      {:.5}",
+            below.theta_i_deg, below.reflected, below.transmitted, below.absorbed
+        );
     }
     text
 }

@@ -1,6 +1,7 @@
 //! `lut slice`
 
 use crate::{FileArg, read_lobe};
+use lut_io::both_sides::{self, Passage};
 use lut_io::slice::{self, ComponentSlice, Slice};
 use std::fmt::Write as _;
 use terminal::{Outcome, Stop};
@@ -12,7 +13,8 @@ of a φ cell (walk tables), they are the stored numbers bit by bit; elsewhere th
 
 Examples:
   lut slice pearl.exr --theta-i 30 --phi 0 --csv
-  lut slice pearl.exr --theta-i 32.5 --phi 20 --json"
+  lut slice pearl.exr --theta-i 32.5 --phi 20 --json
+  lut slice both.exr --theta-i 30 --lobe transmitted"
 )]
 pub(crate) struct SliceArgs {
     #[command(flatten)]
@@ -23,6 +25,10 @@ pub(crate) struct SliceArgs {
     /// Azimuth of exit from the mirror direction, degrees: 0 is forward, 180 is back.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
     phi: f64,
+    /// Which light: what is reflected, or, in tables baked with --both-sides, what passes from above, and what comes from
+    /// below (its θi in the substrate). Other than reflected, θi must be a stored one.
+    #[arg(long, value_enum, default_value = "reflected")]
+    lobe: LobeArg,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
@@ -31,7 +37,46 @@ pub(crate) struct SliceArgs {
     csv: bool,
 }
 
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum LobeArg {
+    Reflected,
+    Transmitted,
+    BelowReflected,
+    BelowTransmitted,
+}
+
 pub(crate) fn run(args: &SliceArgs) -> Outcome {
+    match args.lobe {
+        LobeArg::Reflected => reflected(args),
+        LobeArg::Transmitted => passage(args, Passage::Transmitted),
+        LobeArg::BelowReflected => passage(args, Passage::BelowReflected),
+        LobeArg::BelowTransmitted => passage(args, Passage::BelowTransmitted),
+    }
+}
+
+fn passage(args: &SliceArgs, passage: Passage) -> Outcome {
+    let table = crate::read(&args.file.file)?;
+    let slice = both_sides::slice(&table, passage, args.theta_i, args.phi)
+        .map_err(|flaw| Stop::bad_input(format!("{}: {flaw}", args.file.file.display())))?;
+    let columns =
+        [("theta_o_deg".to_owned(), slice.theta_o_deg.as_slice()), (passage.name().to_owned(), &slice.value)];
+    if args.json {
+        let mut object = serde_json::json!({
+            "schema": "lut-slice/1",
+            "lobe": passage.name(),
+            "theta_i_deg": slice.theta_i_deg,
+            "phi_deg": slice.phi_deg,
+            "unit": "1/sr",
+        });
+        for (name, numbers) in columns {
+            object[name] = numbers.into();
+        }
+        return terminal::print_json(&object);
+    }
+    terminal::print(&csv(&columns))
+}
+
+fn reflected(args: &SliceArgs) -> Outcome {
     let lobe = read_lobe(&args.file.file)?;
     slice::check_angles(&lobe, args.theta_i, args.phi)
         .map_err(|flaw| Stop::bad_input(format!("{}: {flaw}", args.file.file.display())))?;
@@ -39,7 +84,7 @@ pub(crate) fn run(args: &SliceArgs) -> Outcome {
     if args.json {
         return terminal::print_json(&json(&slice));
     }
-    terminal::print(&csv(&slice))
+    terminal::print(&csv(&columns(&slice)))
 }
 
 /// The columns of a slice: name and numbers.
@@ -71,11 +116,10 @@ fn json(slice: &Slice) -> serde_json::Value {
     object
 }
 
-fn csv(slice: &Slice) -> String {
-    let columns = columns(slice);
+fn csv(columns: &[(String, &[f64])]) -> String {
     let names: Vec<&str> = columns.iter().map(|(name, _)| name.as_str()).collect();
     let mut text = names.join(",") + "\n";
-    for row in 0..slice.theta_o_deg.len() {
+    for row in 0..columns[0].1.len() {
         for (i, (_, numbers)) in columns.iter().enumerate() {
             let separator = if i == 0 { "" } else { "," };
             // The shortest text that reads back as the same f64 (and so as the same stored f32).

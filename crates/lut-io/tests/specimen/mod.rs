@@ -44,6 +44,7 @@ pub(crate) fn table(theta_i_deg: &[f64], axis: ExitAxis) -> Table {
         interior: Lobe::default(),
         surface: Lobe::default(),
         rehit: Lobe::default(),
+        passages: None,
     };
     for degrees in theta_i_deg {
         let theta_i = degrees.to_radians();

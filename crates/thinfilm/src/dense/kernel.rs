@@ -13,6 +13,44 @@ pub(super) struct DenseLayer {
     pub(super) source: f64,
 }
 
+/// Layers of a stack by kind: a regular stack of many layers has few, whose phases are then computed once a tile.
+#[derive(Clone, Debug)]
+pub(super) struct Kinds {
+    /// One layer of each kind.
+    pub(super) layers: Vec<DenseLayer>,
+    /// How many layers are of it.
+    pub(super) counts: Vec<usize>,
+    /// Kind of each layer, from the substrate up.
+    pub(super) of_layer: Vec<u32>,
+}
+
+/// Kinds whose matrices (640 bytes each) stay in the first-level cache.
+const MOST_KINDS: usize = 24;
+
+impl Kinds {
+    /// `None` where the layers are of too many kinds to gain anything.
+    pub(super) fn of(layers: &[DenseLayer]) -> Option<Self> {
+        let mut kinds =
+            Self { layers: Vec::new(), counts: Vec::new(), of_layer: Vec::with_capacity(layers.len()) };
+        for layer in layers {
+            let same = |kind: &DenseLayer| {
+                kind.medium == layer.medium && kind.thickness.to_bits() == layer.thickness.to_bits()
+            };
+            let kind = kinds.layers.iter().position(same).unwrap_or(kinds.layers.len());
+            if kind == kinds.layers.len() {
+                if kind == MOST_KINDS {
+                    return None;
+                }
+                kinds.layers.push(*layer);
+                kinds.counts.push(0);
+            }
+            kinds.counts[kind] += 1;
+            kinds.of_layer.push(kind as u32);
+        }
+        (layers.len() >= 2 * kinds.layers.len()).then_some(kinds)
+    }
+}
+
 /// What the lossless loop needs of a medium; ratios to a reference admittance, [s, p].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LosslessMedium {
@@ -35,6 +73,8 @@ pub(super) struct LosslessTile<'a> {
     pub(super) reference: usize,
     /// From the substrate up.
     pub(super) layers: &'a [DenseLayer],
+    /// The same by kind, where they are of few.
+    pub(super) kinds: Option<&'a Kinds>,
     /// q_ref, [s, p].
     pub(super) q_reference: [Lanes; 2],
     /// q of the ambient (real), [s, p].
@@ -63,13 +103,16 @@ const RESCALE_ABOVE: f64 = 1.267_650_600_228_229_4e30; // 2^100
 const ROTATION_ROUNDING: f64 = 1.387_778_780_781_445_7e-17; // 2^-56
 const AMPLITUDE_ROUNDING: f64 = 5.551_115_123_125_783e-17; // 2^-54
 
+/// Most layers between two looks at the energy.
+const BLOCK: usize = 16;
+
 /// Layers between two looks at the energy. Few layers are looked at one by one: a cavity of three must not be missed.
 const fn look_every(layers: usize) -> usize {
     let layers = layers / 24;
     if layers < 1 {
         1
-    } else if layers > 16 {
-        16
+    } else if layers > BLOCK {
+        BLOCK
     } else {
         layers
     }
@@ -186,27 +229,89 @@ pub(super) fn lossless<const EMISSION: bool>(tile: &LosslessTile) -> TileResult 
     let mut s = start(0);
     let mut p = start(1);
     let mut memories = [s, p].map(|rotor| Memory { exponent: Lanes::splat(0.0), most: rotor.energy() });
-    for block in tile.layers.chunks(look_every(tile.layers.len())) {
-        (s, p) = lossless_block::<EMISSION>(tile, block, s, p);
-        for (memory, rotor) in memories.iter_mut().zip([&mut s, &mut p]) {
-            if let Some(factor) = memory.look(rotor.energy()) {
-                *rotor = rotor.scaled(factor);
-            }
+    let look_every = look_every(tile.layers.len());
+    if let (Some(kinds), false) = (tile.kinds, EMISSION) {
+        let mut turns = Vec::with_capacity(kinds.layers.len());
+        for layer in &kinds.layers {
+            turns.push(Turn::new(tile, layer));
+        }
+        for block in kinds.of_layer.chunks(look_every) {
+            (s, p) = turned(&turns, block, s, p);
+            [s, p] = look_at_rotors(&mut memories, [s, p]);
+        }
+    } else {
+        let mut turns = [[Lanes::splat(0.0); 2]; BLOCK];
+        for block in tile.layers.chunks(look_every) {
+            turn_block(tile, block, &mut turns);
+            (s, p) = lossless_block::<EMISSION>(tile, block, &turns, s, p);
+            [s, p] = look_at_rotors(&mut memories, [s, p]);
         }
     }
     finish_lossless(tile, [s, p], memories)
+}
+
+// Not a closure: those are not sure to be compiled for the instruction set of their function.
+#[inline(always)]
+fn look_at_rotors(memories: &mut [Memory; 2], mut rotors: [Rotor; 2]) -> [Rotor; 2] {
+    for (memory, rotor) in memories.iter_mut().zip(&mut rotors) {
+        if let Some(factor) = memory.look(rotor.energy()) {
+            *rotor = rotor.scaled(factor);
+        }
+    }
+    rotors
+}
+
+/// The matrix of one kind of layer; [s, p].
+#[derive(Clone, Copy)]
+struct Turn {
+    cos: Lanes,
+    up: [Lanes; 2],
+    minus_down: [Lanes; 2],
+}
+
+impl Turn {
+    #[inline(always)]
+    fn new(tile: &LosslessTile, layer: &DenseLayer) -> Self {
+        let medium = &tile.media[layer.medium];
+        let (cos, sin) = cos_sin_half_turns(medium.half_turns.scale(layer.thickness));
+        Self {
+            cos,
+            up: [sin * medium.up[0], sin * medium.up[1]],
+            minus_down: [sin * medium.minus_down[0], sin * medium.minus_down[1]],
+        }
+    }
+}
+
+#[inline(always)]
+fn turned(turns: &[Turn], block: &[u32], mut s: Rotor, mut p: Rotor) -> (Rotor, Rotor) {
+    for &kind in block {
+        let turn = &turns[kind as usize];
+        s = s.layer(turn.cos, turn.up[0], turn.minus_down[0]);
+        p = p.layer(turn.cos, turn.up[1], turn.minus_down[1]);
+    }
+    (s, p)
+}
+
+/// (cos δ, sin δ) of a block of layers. In a loop of its own: the polynomials' coefficients and the state of the waves do not
+/// fit into the registers together.
+#[inline(always)]
+fn turn_block(tile: &LosslessTile, block: &[DenseLayer], turns: &mut [[Lanes; 2]; BLOCK]) {
+    for (layer, turn) in block.iter().zip(turns) {
+        let (cos, sin) = cos_sin_half_turns(tile.media[layer.medium].half_turns.scale(layer.thickness));
+        *turn = [cos, sin];
+    }
 }
 
 #[inline(always)]
 fn lossless_block<const EMISSION: bool>(
     tile: &LosslessTile,
     block: &[DenseLayer],
+    turns: &[[Lanes; 2]; BLOCK],
     mut s: Rotor,
     mut p: Rotor,
 ) -> (Rotor, Rotor) {
-    for layer in block {
+    for (layer, &[cos, sin]) in block.iter().zip(turns) {
         let medium = &tile.media[layer.medium];
-        let (cos, sin) = cos_sin_half_turns(medium.half_turns.scale(layer.thickness));
         let emits = EMISSION && layer.source != 0.0;
         let below = if EMISSION { [s.standing(), p.standing()] } else { [cos; 2] };
         if layer.medium == tile.reference {
@@ -274,6 +379,8 @@ pub(super) struct ComplexTile<'a> {
     pub(super) media: &'a [ComplexMedium],
     /// From the substrate up.
     pub(super) layers: &'a [DenseLayer],
+    /// The same by kind, where they are of few.
+    pub(super) kinds: Option<&'a Kinds>,
     /// For each layer the interface at its lower face; last, the ambient's.
     pub(super) interface_of: &'a [usize],
     pub(super) interfaces: &'a [Interface],
@@ -340,40 +447,75 @@ pub(super) fn complex(tile: &ComplexTile) -> TileResult {
     let mut memories = [Memory { exponent: Lanes::splat(0.0), most: Lanes::splat(1.0) }; 2];
     let mut total_decay = Lanes::splat(0.0);
     let look_every = look_every(tile.layers.len());
-    for (block, interfaces) in tile.layers.chunks(look_every).zip(tile.interface_of.chunks(look_every)) {
-        let decay;
-        (waves[0], waves[1], decay) = complex_block(tile, block, interfaces, waves[0], waves[1]);
-        total_decay = total_decay + decay;
-        for (memory, wave) in memories.iter_mut().zip(&mut waves) {
-            *wave = wave.normalised();
-            if let Some(factor) = memory.look(wave.energy()) {
-                *wave = wave.scaled(factor);
-            }
+    if let Some(kinds) = tile.kinds {
+        let mut passages = Vec::with_capacity(kinds.layers.len());
+        for (layer, count) in kinds.layers.iter().zip(&kinds.counts) {
+            let (factor, decay) = passage(&tile.media[layer.medium], layer);
+            passages.push(factor);
+            total_decay = total_decay + decay.scale(*count as f64);
+        }
+        for (block, interfaces) in kinds.of_layer.chunks(look_every).zip(tile.interface_of.chunks(look_every))
+        {
+            waves = passed(tile, block.iter().map(|&kind| &passages[kind as usize]), interfaces, waves);
+            waves = look_at_waves(&mut memories, waves);
+        }
+    } else {
+        let mut passages = [[Lanes::splat(0.0); 2]; BLOCK];
+        for (block, interfaces) in tile.layers.chunks(look_every).zip(tile.interface_of.chunks(look_every)) {
+            total_decay = total_decay + passage_block(tile, block, &mut passages);
+            waves = passed(tile, passages[..block.len()].iter(), interfaces, waves);
+            waves = look_at_waves(&mut memories, waves);
         }
     }
     finish_complex(tile, waves, memories, total_decay)
 }
 
 #[inline(always)]
-fn complex_block(
+fn look_at_waves(memories: &mut [Memory; 2], mut waves: [Amplitudes; 2]) -> [Amplitudes; 2] {
+    for (memory, wave) in memories.iter_mut().zip(&mut waves) {
+        *wave = wave.normalised();
+        if let Some(factor) = memory.look(wave.energy()) {
+            *wave = wave.scaled(factor);
+        }
+    }
+    waves
+}
+
+/// e^(2iδ) of a layer as (Re, Im), and the decay in it that was counted.
+#[inline(always)]
+fn passage(medium: &ComplexMedium, layer: &DenseLayer) -> ([Lanes; 2], Lanes) {
+    let (cos, sin) = cos_sin_turns(medium.turns.scale(layer.thickness));
+    let decay = medium.decay.scale(layer.thickness);
+    let shrink = exp2_neg(decay);
+    ([cos * shrink, sin * shrink], decay)
+}
+
+/// Through layers of known passage, each above an interface.
+#[inline(always)]
+fn passed<'a>(
     tile: &ComplexTile,
-    block: &[DenseLayer],
+    passages: impl Iterator<Item = &'a [Lanes; 2]>,
     interfaces: &[usize],
-    mut s: Amplitudes,
-    mut p: Amplitudes,
-) -> (Amplitudes, Amplitudes, Lanes) {
-    let mut total = Lanes::splat(0.0);
-    for (layer, &at) in block.iter().zip(interfaces) {
-        let (medium, interface) = (&tile.media[layer.medium], &tile.interfaces[at]);
-        let (cos, sin) = cos_sin_turns(medium.turns.scale(layer.thickness));
-        let decay = medium.decay.scale(layer.thickness);
-        total = total + decay;
-        let shrink = exp2_neg(decay);
-        let (re, im) = (cos * shrink, sin * shrink);
+    [mut s, mut p]: [Amplitudes; 2],
+) -> [Amplitudes; 2] {
+    for (&[re, im], &at) in passages.zip(interfaces) {
+        let interface = &tile.interfaces[at];
         s = s.interface(&interface.rho[0], interface.inverse_tau[0]).propagate(re, im);
         p = p.interface(&interface.rho[1], interface.inverse_tau[1]).propagate(re, im);
     }
-    (s, p, total)
+    [s, p]
+}
+
+/// As [`turn_block`]; gives the decay of the block.
+#[inline(always)]
+fn passage_block(tile: &ComplexTile, block: &[DenseLayer], passages: &mut [[Lanes; 2]; BLOCK]) -> Lanes {
+    let mut total = Lanes::splat(0.0);
+    for (layer, slot) in block.iter().zip(passages) {
+        let decay;
+        (*slot, decay) = passage(&tile.media[layer.medium], layer);
+        total = total + decay;
+    }
+    total
 }
 
 #[inline(always)]

@@ -10,7 +10,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::grid::{LARGEST_SEGMENT_RULE, segment_rule};
 use super::surface::steepest_visible_tilt;
-use crate::{Facets, Normals};
+use crate::{Facets, Light, Normals};
 
 /// Where light goes at an event, seen from the side that it came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,14 +101,15 @@ pub(super) struct Interface {
     /// n₁/n₂, n₁ being the medium the ray is in.
     pub(super) eta: f64,
     pub(super) facets: Facets,
+    pub(super) light: Light,
     pub(super) sampling: Sampling,
 }
 
 /// Points at which a segment's oscillation is measured.
 const PROBES: i32 = 6;
 
-/// Unpolarised Fresnel reflectance and cos of the refraction angle; (1, 0) past the critical angle.
-pub(super) fn fresnel(eta: f64, cos_i: f64) -> (f64, f64) {
+/// Fresnel reflectance and cos of the refraction angle; (1, 0) past the critical angle.
+pub(super) fn fresnel(eta: f64, cos_i: f64, light: Light) -> (f64, f64) {
     // 1 − η²(1 − c²) = (1 − η)(1 + η) + η²c² keeps its digits when η → 1.
     let squared = (1.0 - eta) * (1.0 + eta) + eta * eta * cos_i * cos_i;
     if squared <= 0.0 {
@@ -117,7 +118,12 @@ pub(super) fn fresnel(eta: f64, cos_i: f64) -> (f64, f64) {
     let cos_t = squared.sqrt();
     let s = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
     let p = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
-    (0.5 * (s * s + p * p), cos_t)
+    let reflectance = match light {
+        Light::S => s * s,
+        Light::P => p * p,
+        Light::Unpolarised | Light::Tracked => 0.5 * (s * s + p * p),
+    };
+    (reflectance, cos_t)
 }
 
 /// γ of the Legendre argument t = cos γ, the angle in which polynomials of degree n oscillate n times.
@@ -325,7 +331,7 @@ impl Interface {
         let reflected = [s + twice * x, twice * q, twice - c];
         let inverse = 1.0 / square.sqrt();
         let cos_i = a * inverse;
-        let (fresnel, cos_t) = fresnel(self.eta, cos_i);
+        let (fresnel, cos_t) = fresnel(self.eta, cos_i, self.light);
         if cos_t == 0.0 {
             return (reflected, None, 1.0);
         }
@@ -520,7 +526,7 @@ impl Interface {
             weight *= cos_i / alpha.cos();
         }
         events.total += weight;
-        let (fresnel, cos_t) = fresnel(self.eta, cos_i);
+        let (fresnel, cos_t) = fresnel(self.eta, cos_i, self.light);
         let mut push = |away: Fate, back: Fate, weight: f64, angle: f64| {
             let (fate, angle) = if angle > FRAC_PI_2 {
                 (back, PI - angle)

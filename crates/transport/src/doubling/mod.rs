@@ -4,13 +4,15 @@
 //! hemisphere (what a ray of direction ω will have earned when it is gone) are polynomials on Gauss–Legendre nodes;
 //! an interface maps them back by a quadrature over its facets (`kernel`), so that energy closes to rounding.
 //! Interfaces are joined by the adding equations, periodic parts by doubling (`star`, `stack`). The first
-//! interface is kept apart: its single reflection has a closed form (`surface`) and needs no modes at all.
+//! interface is kept apart: its single reflection has a closed form (`surface`) and needs no modes at all. Smooth
+//! interfaces (σ = 0) need no basis at all: [`smooth`].
 
 mod facets;
 mod grid;
 mod kernel;
 mod rehit;
 mod settings;
+mod smooth;
 mod solution;
 mod stack;
 mod star;
@@ -22,7 +24,8 @@ use faer::Mat;
 use rayon::prelude::*;
 
 pub use self::settings::{Cost, DoublingError, Settings};
-pub use self::solution::{Basis, ErrorEstimate, FromBelow, Lobe, Solution};
+pub use self::smooth::smooth;
+pub use self::solution::{Basis, ErrorEstimate, FAINT, Lobe, Solution};
 pub use self::surface::SingleReflection;
 
 use self::facets::{Fate, Interface};
@@ -31,7 +34,7 @@ use self::kernel::{Column, columns};
 use self::solution::ModeResult;
 use self::stack::{Element, Run, elements, runs};
 use self::star::{Mirror, Resolved, Slab, times};
-use crate::{Geometry, Transport};
+use crate::{Geometry, Light, Transport};
 
 /// Resolutions that [`solve_to`] tries.
 const ATTEMPTS: usize = 6;
@@ -144,7 +147,8 @@ impl Problem<'_> {
     }
 }
 
-/// Solves `transport` for each incidence `theta_i` (radians, in \[0, π/2\]).
+/// Solves `transport` for each incidence `theta_i` (radians, in \[0, π/2\]), and, with [`Settings::both_sides`], for light
+/// from below at the same angles, measured in the substrate.
 ///
 /// # Errors
 /// [`DoublingError`] when the settings cannot represent the problem; the message says what would.
@@ -154,13 +158,46 @@ pub fn solve(
     theta_i: &[f64],
     settings: &Settings,
 ) -> Result<Solution, DoublingError> {
+    let mut solution = solve_side(transport, geometry, theta_i, settings)?;
+    if settings.both_sides {
+        let turned = solve_side(&transport.upside_down(), geometry, theta_i, settings)?;
+        solution.from_below = Some(Box::new(turned));
+    }
+    Ok(solution)
+}
+
+fn solve_side(
+    transport: &Transport,
+    geometry: Geometry,
+    theta_i: &[f64],
+    settings: &Settings,
+) -> Result<Solution, DoublingError> {
     settings.check(transport, geometry, theta_i)?;
+    if transport.sheets.is_some() {
+        return Err(DoublingError::WalkOnly("coherent sheets are walked only: use the walk"));
+    }
+    match (transport.light, geometry) {
+        (Light::Unpolarised, _) | (Light::S | Light::P, Geometry::Plane) => {}
+        (Light::Tracked, _) => {
+            return Err(DoublingError::WalkOnly("s and p have a solution each: solve both"));
+        }
+        (_, Geometry::Space) => {
+            let why =
+                "s and p are tracked in the plane of incidence only: in space they turn into each other";
+            return Err(DoublingError::WalkOnly(why));
+        }
+    }
     let grid = Grid::new(geometry, settings.nodes);
     let modes = settings.modes_in(geometry);
     let elements = elements(transport);
     let runs = runs(&elements);
     let sampling = settings.sampling(&grid);
-    let side = |from: f64, to: f64| Interface { eta: from / to, facets: transport.facets, sampling };
+    let side = |from: f64, to: f64| Interface {
+        eta: from / to,
+        facets: transport.facets,
+        light: transport.light,
+        sampling,
+    };
 
     let (ambient, first) = (transport.indices[0], transport.indices[1]);
     let mut sides = HashMap::new();
@@ -178,12 +215,17 @@ pub fn solve(
     let incident = columns(&side(ambient, first), &grid, modes, theta_i);
     let results: Vec<ModeResult> = (0..modes)
         .into_par_iter()
-        .map(|mode| solve_mode(&problem, ambient, first, &incident, mode, settings.both_sides))
+        .map(|mode| solve_mode(&problem, ambient, first, &incident, mode))
         .collect();
     Ok(Solution::assemble(transport, theta_i, *settings, grid, &incident, results))
 }
 
 /// Solves to a total variation asked for, with the error estimated from a second, coarser resolution.
+///
+/// The promise is about the light that comes from above and is reflected. With `both_sides` what is transmitted, and light
+/// from below, are solved at no less than the resolution that keeps it, and say by themselves how near they are
+/// ([`ErrorEstimate`]): light from below that is refracted along the horizon and falls back at once has a lobe too narrow
+/// in azimuth for any affordable number of modes, at and beyond the critical angle of the last interface.
 ///
 /// # Errors
 /// As [`solve`]; [`DoublingError::NotReached`] when further refinements do not bring the estimate below
@@ -199,14 +241,16 @@ pub fn solve_to(
         let expected = "from 1e-9 to 0.5";
         return Err(DoublingError::Domain { field: "total_variation", value: total_variation, expected });
     }
-    let mut settings =
-        Settings { both_sides, ..Settings::for_accuracy(transport, geometry, total_variation) };
+    let mut settings = Settings::for_accuracy(transport, geometry, total_variation);
     let mut coarse = solve(transport, geometry, theta_i, &settings.coarser())?;
     let mut reached = f64::INFINITY;
     for _ in 0..ATTEMPTS {
         let mut solution = solve(transport, geometry, theta_i, &settings)?;
         solution.compare(&coarse);
         reached = solution.error.as_ref().map_or(reached, ErrorEstimate::worst);
+        if reached <= total_variation && both_sides {
+            return solve_both(transport, geometry, theta_i, &settings, total_variation);
+        }
         if reached <= total_variation {
             return Ok(solution);
         }
@@ -216,13 +260,33 @@ pub fn solve_to(
     Err(DoublingError::NotReached { asked: total_variation, reached, nodes: coarse.settings.nodes })
 }
 
+/// Both sides at `settings`, or finer where the stack upside down asks for it, with error estimates.
+fn solve_both(
+    transport: &Transport,
+    geometry: Geometry,
+    theta_i: &[f64],
+    settings: &Settings,
+    total_variation: f64,
+) -> Result<Solution, DoublingError> {
+    let turned = Settings::for_accuracy(&transport.upside_down(), geometry, total_variation);
+    let settings = Settings {
+        nodes: settings.nodes.max(turned.nodes),
+        modes: settings.modes.max(turned.modes),
+        both_sides: true,
+        ..*settings
+    };
+    let coarse = solve(transport, geometry, theta_i, &settings.coarser())?;
+    let mut solution = solve(transport, geometry, theta_i, &settings)?;
+    solution.compare(&coarse);
+    Ok(solution)
+}
+
 fn solve_mode(
     problem: &Problem<'_>,
     ambient: f64,
     first: f64,
     incident: &[Column],
     mode: usize,
-    both_sides: bool,
 ) -> ModeResult {
     let n = problem.grid.len();
     let gather = |fate: Fate| {
@@ -246,5 +310,57 @@ fn solve_mode(
     let up = times(body.r.as_ref(), down.as_ref());
     let interior = finished.subrows(0, n) - &rehit + times(slab.t_below.as_ref(), up.as_ref());
     let transmitted = times(body.t.as_ref(), down.as_ref());
-    ModeResult { interior, rehit, transmitted, below: both_sides.then(|| slab.above(&body)) }
+    ModeResult { interior, rehit, transmitted }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// R′ and T′ of the slab's own star product, column by column, against the stack solved upside down.
+    #[test]
+    fn light_from_below_is_light_from_above_of_the_stack_upside_down() {
+        let mut transport = Transport::alternating(4, 1.6, 1.3, 1.5, 0.1);
+        transport.indices = vec![1.0, 1.6, 1.3, 1.6, 1.45, 1.5];
+        transport.optical_depths = vec![0.1, 0.0, 0.02, 0.3];
+        let settings = Settings { nodes: 24, modes: 4, reach: 6.0, density: 0.75, both_sides: true };
+        for geometry in [Geometry::Plane, Geometry::Space] {
+            let grid = Grid::new(geometry, settings.nodes);
+            let solution = solve(&transport, geometry, &grid.theta, &settings).unwrap();
+            let slab = whole_slab(&transport, &grid, &settings);
+            let below = solution.from_below.unwrap();
+            for (k, lobe) in below.lobes.iter().enumerate() {
+                let sums = [&slab.r_below, &slab.t_below].map(|part| part.col(k).iter().sum::<f64>());
+                // Two orders of the same products: rounding.
+                assert!((lobe.albedo - sums[0]).abs() < 1e-11, "{geometry:?} {k}: {lobe:?} {sums:?}");
+                assert!((lobe.transmitted - sums[1]).abs() < 1e-11, "{geometry:?} {k}: {lobe:?} {sums:?}");
+            }
+        }
+    }
+
+    /// Mode 0 of all interfaces, joined.
+    fn whole_slab(transport: &Transport, grid: &Grid, settings: &Settings) -> Slab {
+        let elements = elements(transport);
+        let runs = runs(&elements);
+        let sampling = settings.sampling(grid);
+        let side = |from: f64, to: f64| Interface {
+            eta: from / to,
+            facets: transport.facets,
+            light: transport.light,
+            sampling,
+        };
+        let sides = transport
+            .indices
+            .windows(2)
+            .map(|pair| {
+                let columns = |a: f64, b: f64| {
+                    columns(&side(a, b), grid, settings.modes_in(grid.geometry), &grid.theta)
+                };
+                let (near, far) = (columns(pair[0], pair[1]), columns(pair[1], pair[0]));
+                (key(pair[0], pair[1]), Sides { first: pair[0], near, far })
+            })
+            .collect();
+        let problem = Problem { grid, elements: &elements, runs: &runs, sides: &sides };
+        problem.resolved(transport.indices[0], transport.indices[1], 0).slab().above(&problem.body(0))
+    }
 }

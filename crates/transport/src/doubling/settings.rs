@@ -16,11 +16,16 @@ const LARGEST_PLAN: f64 = 6.0 * (1u64 << 30) as f64;
 const LONGEST_PLAN: f64 = 3600.0;
 
 /// Seconds of one AVX-512 core behind [`Cost::seconds`]: a floating-point operation in a matrix product, a Legendre
-/// term of a tilt, a facet in space, and the rehit lobe of one grazing incidence.
+/// term of a tilt, a facet in space, an incidence, and the rehit lobe of one grazing incidence
+/// (`cargo run --release -p transport --example doubling_cost`).
 const OPERATION: f64 = 6e-11;
 const PLANE_TERM: f64 = 2e-9;
 const FACET: f64 = 2e-7;
+const PLANE_INCIDENCE: f64 = 1e-4;
+const SPACE_INCIDENCE: f64 = 1.3e-3;
 const REHIT: f64 = 6e-3;
+/// Nodes below which products and solves fall behind the machine's rate: they take 1 + this/N times as long.
+const SMALL: f64 = 80.0;
 
 /// Resolution of the solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,7 +38,7 @@ pub struct Settings {
     pub reach: f64,
     /// Density of the facet quadrature; 1 resolves every basis function in full.
     pub density: f64,
-    /// Whether to keep what the stack does to light from below, too ([`super::FromBelow`]).
+    /// Whether to solve for light from below, too ([`super::Solution::from_below`]).
     pub both_sides: bool,
 }
 
@@ -85,6 +90,9 @@ pub enum DoublingError {
         /// Predicted time.
         seconds: f64,
     },
+    /// A problem that doubling does not solve as it stands.
+    #[error("{0}")]
+    WalkOnly(&'static str),
     /// The error estimate stayed above what was asked.
     #[error(
         "total variation {asked:e} asked, {reached:.1e} reached with {nodes} nodes: ask for less, or use the walk"
@@ -133,7 +141,7 @@ impl Settings {
             modes: (0.8 * self.modes as f64).floor().max(2.0) as usize, // the plane keeps its two
             reach: 0.93 * self.reach,
             density: 0.95 * self.density,
-            both_sides: false,
+            both_sides: self.both_sides,
         }
     }
 
@@ -168,13 +176,21 @@ impl Settings {
             Geometry::Plane => columns * facets * n * 4.0 * PLANE_TERM,
             Geometry::Space => columns * facets * (1.6 * n * (modes + 12.0) * OPERATION + FACET),
         };
-        let adding =
-            modes * n * n * n * (10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64) * OPERATION;
+        let adding = (1.0 + SMALL / n)
+            * modes
+            * n
+            * n
+            * n
+            * (10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64)
+            * OPERATION;
         let grazing = (6.0 * sigma / FRAC_PI_2).min(1.0) * incidences as f64;
-        let rehit = if geometry == Geometry::Plane { 0.0 } else { grazing * REHIT };
+        let lobes = match geometry {
+            Geometry::Plane => PLANE_INCIDENCE * incidences as f64,
+            Geometry::Space => SPACE_INCIDENCE * incidences as f64 + grazing * REHIT,
+        };
         Cost {
             bytes: 8.0 * n * modes * (2.5 * columns + 3.0 * incidences as f64) + 200.0 * n * n * 8.0,
-            seconds: kernels + adding + rehit,
+            seconds: kernels + adding + lobes,
         }
     }
 
@@ -189,9 +205,6 @@ impl Settings {
         theta_i: &[f64],
     ) -> Result<(), DoublingError> {
         check_problem(transport, theta_i)?;
-        let domain = |field, value: f64, ok: bool, expected| {
-            if ok { Ok(()) } else { Err(DoublingError::Domain { field, value, expected }) }
-        };
         domain("nodes", self.nodes as f64, (4..=20_000).contains(&self.nodes), "from 4 to 20000")?;
         domain("modes", self.modes as f64, (1..=20_000).contains(&self.modes), "from 1 to 20000")?;
         domain("reach", self.reach, (3.0..=12.0).contains(&self.reach), "from 3 to 12 standard deviations")?;
@@ -227,10 +240,12 @@ impl Settings {
     }
 }
 
-fn check_problem(transport: &Transport, theta_i: &[f64]) -> Result<(), DoublingError> {
-    let domain = |field, value: f64, ok: bool, expected| {
-        if ok { Ok(()) } else { Err(DoublingError::Domain { field, value, expected }) }
-    };
+fn domain(field: &'static str, value: f64, ok: bool, expected: &'static str) -> Result<(), DoublingError> {
+    if ok { Ok(()) } else { Err(DoublingError::Domain { field, value, expected }) }
+}
+
+/// What every stack and incidence must be, rough or smooth.
+pub(super) fn check_stack(transport: &Transport, theta_i: &[f64]) -> Result<(), DoublingError> {
     if transport.indices.len() != transport.layers() + 2 {
         return Err(DoublingError::Shape { layers: transport.layers(), indices: transport.indices.len() });
     }
@@ -243,12 +258,12 @@ fn check_problem(transport: &Transport, theta_i: &[f64]) -> Result<(), DoublingE
     for &theta in theta_i {
         domain("theta_i", theta, (0.0..=FRAC_PI_2).contains(&theta), "from 0 to π/2")?;
     }
+    Ok(())
+}
+
+fn check_problem(transport: &Transport, theta_i: &[f64]) -> Result<(), DoublingError> {
+    check_stack(transport, theta_i)?;
     let sigma = transport.facets.slope_sd;
-    domain(
-        "slope_sd",
-        sigma,
-        sigma > 0.0,
-        "> 0 (smooth interfaces have no lobe to resolve: use the Fresnel closed form)",
-    )?;
-    domain("slope_sd", sigma, sigma <= 0.61, "at most 0.61 (35°)")
+    domain("slope_sd", sigma, sigma > 0.0, "> 0 (smooth interfaces have no lobe to resolve: see `smooth`)")?;
+    domain("slope_sd", sigma, sigma <= 0.61, "at most 0.61 rad (35°); the walk goes to 55°")
 }

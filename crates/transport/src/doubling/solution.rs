@@ -8,7 +8,7 @@ use super::grid::Grid;
 use super::kernel::Column;
 use super::rehit::RehitLobe;
 use super::settings::Settings;
-use super::star::{Slab, times};
+use super::star::times;
 use super::surface::SingleReflection;
 use crate::{Geometry, Transport};
 
@@ -35,11 +35,18 @@ pub struct Lobe {
     pub skew: f64,
 }
 
+/// Transmitted light, as a share of the incident, below which its relative error is of no use to anyone: a lobe fainter
+/// than this is judged as if it had it.
+pub const FAINT: f64 = 1e-3;
+
 /// How far two resolutions are apart: the solver's own error estimate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorEstimate {
     /// Estimated total variation of the reflected lobe, as a share of the reflected light, by incidence.
     pub total_variation: Vec<f64>,
+    /// The same of the transmitted lobe, as a share of the transmitted light (or of [`FAINT`], if that is more); only where
+    /// both sides are solved.
+    pub transmitted: Vec<f64>,
     /// Largest difference of albedo or transmitted share between the two resolutions.
     pub albedo: f64,
     /// Largest difference of the mean exit angle, radians.
@@ -51,28 +58,11 @@ pub struct ErrorEstimate {
 }
 
 impl ErrorEstimate {
-    /// Total variation of the worst incidence.
+    /// Total variation of the reflected lobe at the worst incidence.
     #[must_use]
     pub fn worst(&self) -> f64 {
         self.total_variation.iter().fold(0.0, |worst, tv| worst.max(*tv))
     }
-}
-
-/// What the stack does to light that comes up out of the substrate, at the grid's nodes.
-///
-/// With it the body below can be changed without solving again: R_total = R + T′(I − R_body R′)⁻¹ R_body T.
-#[derive(Clone, Debug)]
-pub struct FromBelow {
-    /// θ of incidence in the substrate, radians, one a row of the grid.
-    pub theta: Vec<f64>,
-    /// Share sent back into the substrate, by incidence.
-    pub reflected: Vec<f64>,
-    /// Share that leaves the top, by incidence.
-    pub transmitted: Vec<f64>,
-    /// R′ by mode: deposits (rows) of light incident at the nodes (columns).
-    pub reflection: Vec<Mat<f64>>,
-    /// T′ by mode.
-    pub transmission: Vec<Mat<f64>>,
 }
 
 /// One mode's share of the solution, columns by incidence.
@@ -80,7 +70,6 @@ pub(super) struct ModeResult {
     pub(super) interior: Mat<f64>,
     pub(super) rehit: Mat<f64>,
     pub(super) transmitted: Mat<f64>,
-    pub(super) below: Option<Slab>,
 }
 
 /// Lobes of all incidences.
@@ -92,8 +81,10 @@ pub struct Solution {
     pub settings: Settings,
     /// Estimated error, where two resolutions were compared.
     pub error: Option<ErrorEstimate>,
-    /// Light from below, where asked for.
-    pub from_below: Option<FromBelow>,
+    /// Light from below at the same angles (in the substrate), where [`Settings::both_sides`] asks for it: the solution of
+    /// the stack upside down. With it the body can be changed without solving again,
+    /// R_total = R + T′(I − R_body R′)⁻¹ R_body T; R′ is its reflected light, T′ its transmitted light.
+    pub from_below: Option<Box<Solution>>,
     pub(super) grid: Grid,
     single: Vec<SingleReflection>,
     /// \[incidence\]: node densities, rows nodes, columns modes.
@@ -121,9 +112,8 @@ impl Solution {
         settings: Settings,
         grid: Grid,
         incident: &[Column],
-        mut modes: Vec<ModeResult>,
+        modes: Vec<ModeResult>,
     ) -> Self {
-        let from_below = settings.both_sides.then(|| from_below(&grid, &mut modes));
         let single: Vec<SingleReflection> =
             theta_i.iter().map(|&theta| SingleReflection::new(transport, grid.geometry, theta)).collect();
         let lobes = totals(transport, theta_i, &grid, incident, &modes);
@@ -146,7 +136,7 @@ impl Solution {
             rehit_lobes,
             settings,
             error: None,
-            from_below,
+            from_below: None,
             single,
             interior: collect(|mode| &mode.interior),
             rehit: collect(|mode| &mode.rehit),
@@ -227,20 +217,34 @@ impl Solution {
         let phi: Vec<f64> =
             (0..count).map(|f| std::f64::consts::PI * (f as f64 + 0.5) / count as f64).collect();
         let (fine_basis, coarse_basis) = (self.basis(&theta, &phi), coarse.basis(&theta, &phi));
+        let apart = |difference: Mat<f64>, light: f64| {
+            let sum: f64 = (0..count)
+                .map(|f| difference.col(f).iter().zip(&weights).map(|(d, w)| w * d.abs()).sum::<f64>())
+                .sum();
+            0.5 * sum / count as f64 / light / 1.5
+        };
         let total_variation = (0..self.lobes.len())
             .map(|i| {
                 let difference = self.interior(i, &fine_basis) - coarse.interior(i, &coarse_basis);
-                let sum: f64 = (0..count)
-                    .map(|f| difference.col(f).iter().zip(&weights).map(|(d, w)| w * d.abs()).sum::<f64>())
-                    .sum();
-                0.5 * sum / count as f64 / self.lobes[i].albedo.max(1e-300) / 1.5
+                apart(difference, self.lobes[i].albedo.max(1e-300))
             })
             .collect();
+        let through = if self.settings.both_sides { self.lobes.len() } else { 0 };
+        let transmitted = (0..through)
+            .map(|i| {
+                let difference = self.transmitted(i, &fine_basis) - coarse.transmitted(i, &coarse_basis);
+                apart(difference, self.lobes[i].transmitted.max(FAINT))
+            })
+            .collect();
+        if let (Some(fine), Some(coarse)) = (&mut self.from_below, &coarse.from_below) {
+            fine.compare(coarse);
+        }
         let largest = |pick: fn(&Lobe) -> f64| {
             self.lobes.iter().zip(&coarse.lobes).map(|(a, b)| (pick(a) - pick(b)).abs()).fold(0.0, f64::max)
         };
         self.error = Some(ErrorEstimate {
             total_variation,
+            transmitted,
             albedo: largest(|lobe| lobe.albedo).max(largest(|lobe| lobe.transmitted)),
             mean: largest(|lobe| lobe.mean),
             sd: largest(|lobe| lobe.sd),
@@ -261,18 +265,6 @@ impl Solution {
                 (self.grid.theta.clone(), weights)
             }
         }
-    }
-}
-
-fn from_below(grid: &Grid, modes: &mut [ModeResult]) -> FromBelow {
-    let slabs: Vec<Slab> = modes.iter_mut().filter_map(|mode| mode.below.take()).collect();
-    let sums = |matrix: &Mat<f64>| (0..grid.len()).map(|i| matrix.col(i).sum()).collect();
-    FromBelow {
-        theta: grid.theta.clone(),
-        reflected: sums(&slabs[0].r_below),
-        transmitted: sums(&slabs[0].t_below),
-        reflection: slabs.iter().map(|slab| slab.r_below.clone()).collect(),
-        transmission: slabs.iter().map(|slab| slab.t_below.clone()).collect(),
     }
 }
 

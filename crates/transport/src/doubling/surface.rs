@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::facets::fresnel;
 use super::grid::segment_rule;
-use crate::{Facets, Geometry, Normals, Transport};
+use crate::{Facets, Geometry, Light, Normals, Transport};
 
 /// Facet tilts that the plane's visible normals may have, at most: MODEL §3 as the walk draws them.
 pub(super) fn steepest_visible_tilt(sigma: f64) -> f64 {
@@ -19,6 +19,7 @@ pub(super) fn steepest_visible_tilt(sigma: f64) -> f64 {
 pub struct SingleReflection {
     geometry: Geometry,
     facets: Facets,
+    light: Light,
     eta: f64,
     sine: f64,
     cosine: f64,
@@ -35,6 +36,7 @@ impl SingleReflection {
         let mut lobe = Self {
             geometry,
             facets,
+            light: transport.light,
             eta: transport.indices[0] / transport.indices[1],
             sine,
             cosine,
@@ -98,7 +100,7 @@ impl SingleReflection {
             return 0.0;
         }
         let weight = (-0.5 * (alpha / sigma).powi(2)).exp() * self.visibility(alpha);
-        0.5 * weight * fresnel(self.eta, cos_i).0 * self.norm
+        0.5 * weight * fresnel(self.eta, cos_i, self.light).0 * self.norm
     }
 
     /// f·cos θo at the exit direction (θo, φ), 1/sr (space).
@@ -125,7 +127,7 @@ impl SingleReflection {
         let cosine_cubed = z * z * z / (square * square.sqrt());
         let weight = (-0.5 * (slope_x * slope_x + slope_y * slope_y) / (sigma * sigma)).exp()
             * self.visibility(slope_x);
-        weight * fresnel(self.eta, cos_i).0 * self.norm / (4.0 * cos_i * cosine_cubed)
+        weight * fresnel(self.eta, cos_i, self.light).0 * self.norm / (4.0 * cos_i * cosine_cubed)
     }
 }
 

@@ -14,11 +14,14 @@ use std::ops::Range;
 
 use self::draws::{Normal, Stream, TiltSinCos};
 use self::drive::Job;
-use self::event::{ALTERNATING, CROSSING, Constants, EXPLICIT, HALVINGS, PERIODIC, Problem, SPACE};
+use self::event::{
+    ALTERNATING, CROSSING, Constants, EXPLICIT, Film, HALVINGS, PERIODIC, PLAIN, Problem, SHEETS, SPACE,
+    TRACKED, TRACKED_SHEETS,
+};
 use self::real::Real;
 pub use self::simd::SimdLevel;
 use super::Exit;
-use crate::{Geometry, Normals, Transport};
+use crate::{Geometry, Light, Normals, Sheets, Transport};
 
 /// The floating-point type that geometry is computed in. Random numbers are the same in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
@@ -87,6 +90,12 @@ pub enum WalkError {
     /// A slope deviation out of range.
     #[error("slope deviation is {0} rad: it must lie in [0, 0.96] (0 to 55 degrees)")]
     SlopeSd(f64),
+    /// Tracked polarisation out of the plane of incidence.
+    #[error("s and p are tracked in the plane of incidence only: in space they turn into each other")]
+    TrackedInSpace,
+    /// Sheets that are no thin films between media of one index.
+    #[error("{0}")]
+    Sheets(String),
     /// An instruction set that this processor lacks.
     #[error("this processor has no {0}")]
     Simd(SimdLevel),
@@ -116,6 +125,8 @@ struct Variant {
     visible: bool,
     absorb: bool,
     stack: u8,
+    event: u8,
+    light: Light,
 }
 
 impl Walker {
@@ -146,7 +157,19 @@ impl Walker {
             visible: transport.facets.normals == Normals::Visible && sd > 0.0,
             absorb: transport.absorbs(),
             stack: stack(transport),
+            event: match (transport.light, &transport.sheets) {
+                (Light::Unpolarised, None) => PLAIN,
+                (_, None) => TRACKED,
+                (Light::Unpolarised, Some(_)) => SHEETS,
+                (_, Some(_)) => TRACKED_SHEETS,
+            },
+            light: transport.light,
         };
+        if transport.light != Light::Unpolarised && geometry == Geometry::Space {
+            return Err(WalkError::TrackedInSpace);
+        }
+        // Walks at sheets are compiled for 64 bits alone.
+        let precision = if transport.sheets.is_some() { Precision::F64 } else { precision };
         let problem = match precision.resolve(transport) {
             Precision::F64 => Either::F64(Problem::new(transport, geometry)),
             _ => Either::F32(Problem::new(transport, geometry)),
@@ -188,6 +211,7 @@ impl Walker {
             stream: Stream::new(seed, theta_i),
             paths,
             event_cap: event_cap.clamp(1, u32::MAX / CROSSING - 1),
+            light: self.variant.light,
         };
         match &self.problem {
             Either::F32(problem) => run(self.level, self.variant, problem, &job, out),
@@ -211,7 +235,28 @@ fn check(transport: &Transport) -> Result<(), WalkError> {
     if !(0.0..=SLOPE_SD_MAX).contains(&transport.facets.slope_sd) {
         return Err(WalkError::SlopeSd(transport.facets.slope_sd));
     }
-    Ok(())
+    transport.sheets.as_ref().map_or(Ok(()), |sheets| check_sheets(transport, sheets))
+}
+
+fn check_sheets(transport: &Transport, sheets: &Sheets) -> Result<(), WalkError> {
+    let Sheets { index, phase, last } = *sheets;
+    let refuse = |problem: String| Err(WalkError::Sheets(problem));
+    if !(index > 0.0 && index.is_finite() && phase >= 0.0 && index * phase <= std::f64::consts::FRAC_PI_2) {
+        return refuse(format!(
+            "coherent sheets of index {index} and 2πd/λ = {phase}: their optical thickness must be at most a quarter of a wave"
+        ));
+    }
+    if last > transport.layers() {
+        return refuse(format!("sheet {last} lies below the last interface {}", transport.layers()));
+    }
+    match (1..=last).find(|&i| transport.indices[i] != transport.indices[i + 1]) {
+        Some(i) => refuse(format!(
+            "coherent sheet {i} lies between indices {} and {}: they must be equal",
+            transport.indices[i],
+            transport.indices[i + 1]
+        )),
+        None => Ok(()),
+    }
 }
 
 /// How the layers repeat.
@@ -255,13 +300,29 @@ impl<R: Real> Problem<R> {
             tilt: TiltSinCos::new(),
             slope_max: R::from_f64(slope_max),
             tilt_max: tilt_max as f32,
+            film: film(transport),
         };
-        if stack(transport) != EXPLICIT {
+        let plain = transport.light == Light::Unpolarised && transport.sheets.is_none();
+        if stack(transport) != EXPLICIT && plain {
             return Self { constants, ratios: Vec::new(), depths: Vec::new() };
         }
         let ratios = (0..=layers).flat_map(|upper| [ratio(upper, upper + 1), ratio(upper + 1, upper)]);
         let depths = (0..layers + 2).map(|medium| if medium == 0 { R::ZERO } else { depth(medium) });
         Self { constants, ratios: ratios.collect(), depths: depths.collect() }
+    }
+}
+
+fn film<R: Real>(transport: &Transport) -> Film<R> {
+    let number = R::from_f64;
+    let Some(Sheets { index, phase, last }) = transport.sheets else {
+        return Film { last: 0, outer: R::ONE, inner: R::ONE, phase2: R::ZERO };
+    };
+    let outer = transport.indices[1];
+    Film {
+        last: last as i32,
+        outer: number(outer * outer),
+        inner: number(index * index),
+        phase2: number(phase * phase),
     }
 }
 
@@ -277,11 +338,36 @@ fn run<R: Real>(
     out: &mut [Exit],
 ) -> u64 {
     let wide = size_of::<R>() > 4;
+    if variant.event != PLAIN {
+        return eventful::<R>(level, variant, problem, job, out);
+    }
     match variant.shape {
         SPACE => shaped::<R, SPACE>(level, variant, problem, job, out),
         1 if !wide => shaped::<R, 1>(level, variant, problem, job, out),
         3 if !wide => shaped::<R, 3>(level, variant, problem, job, out),
         _ => shaped::<R, 6>(level, variant, problem, job, out),
+    }
+}
+
+/// Tracked light and sheets: one kernel each, for any stack, slope and absorption.
+fn eventful<R: Real>(
+    level: SimdLevel,
+    variant: Variant,
+    problem: &Problem<R>,
+    job: &Job,
+    out: &mut [Exit],
+) -> u64 {
+    match (variant.event, variant.shape, variant.visible) {
+        (TRACKED, _, false) => compiled::<R, 6, false, true, EXPLICIT, TRACKED>(level, problem, job, out),
+        (TRACKED, _, true) => compiled::<R, 6, true, true, EXPLICIT, TRACKED>(level, problem, job, out),
+        (SHEETS, SPACE, false) => {
+            compiled::<R, SPACE, false, true, EXPLICIT, SHEETS>(level, problem, job, out)
+        }
+        (SHEETS, SPACE, true) => compiled::<R, SPACE, true, true, EXPLICIT, SHEETS>(level, problem, job, out),
+        (SHEETS, _, false) => compiled::<R, 6, false, true, EXPLICIT, SHEETS>(level, problem, job, out),
+        (SHEETS, _, true) => compiled::<R, 6, true, true, EXPLICIT, SHEETS>(level, problem, job, out),
+        (_, _, false) => compiled::<R, 6, false, true, EXPLICIT, TRACKED_SHEETS>(level, problem, job, out),
+        (_, _, true) => compiled::<R, 6, true, true, EXPLICIT, TRACKED_SHEETS>(level, problem, job, out),
     }
 }
 
@@ -293,7 +379,9 @@ fn shaped<R: Real, const SHAPE: u8>(
     out: &mut [Exit],
 ) -> u64 {
     match (variant.visible, variant.absorb, variant.stack) {
-        (false, false, PERIODIC) => compiled::<R, SHAPE, false, false, PERIODIC>(level, problem, job, out),
+        (false, false, PERIODIC) => {
+            compiled::<R, SHAPE, false, false, PERIODIC, PLAIN>(level, problem, job, out)
+        }
         (false, false, _) => stacked::<R, SHAPE, false, false>(level, variant, problem, job, out),
         (false, true, _) => stacked::<R, SHAPE, false, true>(level, variant, problem, job, out),
         (true, false, _) => stacked::<R, SHAPE, true, false>(level, variant, problem, job, out),
@@ -309,8 +397,8 @@ fn stacked<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool>(
     out: &mut [Exit],
 ) -> u64 {
     match variant.stack {
-        EXPLICIT => compiled::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT>(level, problem, job, out),
-        _ => compiled::<R, SHAPE, VISIBLE, ABSORB, ALTERNATING>(level, problem, job, out),
+        EXPLICIT => compiled::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT, PLAIN>(level, problem, job, out),
+        _ => compiled::<R, SHAPE, VISIBLE, ABSORB, ALTERNATING, PLAIN>(level, problem, job, out),
     }
 }
 
@@ -319,7 +407,14 @@ const FUSED: bool = cfg!(any(target_feature = "fma", target_arch = "aarch64"));
 
 /// The one place where a kernel meets an instruction set.
 #[allow(unsafe_code)] // Run-time dispatch makes the walk several times as fast as the build's own target allows.
-fn compiled<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
+fn compiled<
+    R: Real,
+    const SHAPE: u8,
+    const VISIBLE: bool,
+    const ABSORB: bool,
+    const STACK: u8,
+    const EVENT: u8,
+>(
     level: SimdLevel,
     problem: &Problem<R>,
     job: &Job,
@@ -329,30 +424,44 @@ fn compiled<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, c
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Walker::new` is the only source of levels and refuses what `is_supported` denies; it asks the
         // processor for every feature that the function is compiled for.
-        SimdLevel::Avx512 => unsafe { avx512::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out) },
+        SimdLevel::Avx512 => unsafe { avx512::<R, SHAPE, VISIBLE, ABSORB, STACK, EVENT>(problem, job, out) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as above.
-        SimdLevel::Avx2 => unsafe { avx2::<R, SHAPE, VISIBLE, ABSORB, STACK>(problem, job, out) },
-        _ => drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, FUSED>(problem, job, out),
+        SimdLevel::Avx2 => unsafe { avx2::<R, SHAPE, VISIBLE, ABSORB, STACK, EVENT>(problem, job, out) },
+        _ => drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT>(problem, job, out),
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
-fn avx512<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
+fn avx512<
+    R: Real,
+    const SHAPE: u8,
+    const VISIBLE: bool,
+    const ABSORB: bool,
+    const STACK: u8,
+    const EVENT: u8,
+>(
     problem: &Problem<R>,
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true>(problem, job, out)
+    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true, EVENT>(problem, job, out)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn avx2<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8>(
+fn avx2<
+    R: Real,
+    const SHAPE: u8,
+    const VISIBLE: bool,
+    const ABSORB: bool,
+    const STACK: u8,
+    const EVENT: u8,
+>(
     problem: &Problem<R>,
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true>(problem, job, out)
+    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true, EVENT>(problem, job, out)
 }

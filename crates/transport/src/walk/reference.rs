@@ -8,7 +8,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 
 use super::{Exit, Fate};
-use crate::{Geometry, Normals, Transport};
+use crate::{Geometry, Light, Normals, Transport};
 
 /// How an event turns the Fresnel reflectance R into a choice and a weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,6 +21,11 @@ pub enum Estimator {
     /// refracts at R = 0 four hundred times must have won four hundred fair coins, so that nearly all the albedo sits
     /// in paths too rare to be seen. Useful for stacks of a few layers.
     FairCoin,
+    /// The first facet lets the light in, with weight 1 − R, where it would have reflected it away: that light is left to
+    /// the closed form of the single reflection. After that analog. Unbiased for all light but [`Fate::Single`]. No path ends at
+    /// once, and the interior loses the variance of that coin; but paths that end at once cost next to nothing, so that
+    /// variance × crossings stays what it was (`docs/WALK.md`).
+    ForcedEntry,
     /// The paper's rules read literally: reflect with probability R *and* multiply by R, or refract *and* multiply by
     /// 1 − R; stop when the weight falls below the threshold. **Biased**: each event counts R twice, so the sum is of
     /// R² and (1 − R)², and energy is lost (for the paper's pearl at 30° it leaves an albedo near 0.002 instead of
@@ -86,6 +91,13 @@ impl<'a> Reference<'a> {
         let mut direction = [theta_i.sin(), 0.0, -theta_i.cos()];
         let (mut medium, mut interface) = (0, 0);
         let (mut weight, mut crossings, mut entered) = (1.0, 0, false);
+        // Share of s in the light that every event of this path meets.
+        let share = match self.transport.light {
+            Light::Unpolarised => 0.5,
+            Light::Tracked => f64::from(u8::from(random.random::<bool>())),
+            Light::S => 1.0,
+            Light::P => 0.0,
+        };
         loop {
             if crossings == self.event_cap {
                 return End { direction, weight, fate: Fate::Truncated, crossings };
@@ -99,8 +111,19 @@ impl<'a> Reference<'a> {
             let cos_i = -dot(direction, normal);
             let sin_t = n1 / n2 * (1.0 - cos_i * cos_i).max(0.0).sqrt();
             let cos_t = (1.0 - sin_t * sin_t).max(0.0).sqrt();
-            let reflectance = if sin_t >= 1.0 { 1.0 } else { fresnel(n1, n2, cos_i, cos_t) };
-            if self.reflects(reflectance, &mut weight, random) {
+            let sheet = self.transport.sheets.filter(|sheets| (1..=sheets.last).contains(&interface));
+            let (s, p) = match sheet {
+                Some(sheet) => sheet.reflectance(n1, cos_i),
+                None if sin_t >= 1.0 => (1.0, 1.0),
+                None => fresnel(n1, n2, cos_i, cos_t),
+            };
+            let reflectance = share * s + (1.0 - share) * p;
+            let would_leave = direction[2] + 2.0 * cos_i * normal[2] > 0.0;
+            let forced = self.estimator == Estimator::ForcedEntry && crossings == 1 && would_leave;
+            if forced {
+                weight *= 1.0 - reflectance;
+            }
+            if !forced && self.reflects(reflectance, &mut weight, random) {
                 direction = add_scaled(direction, 1.0, normal, 2.0 * cos_i);
             } else {
                 direction = add_scaled(direction, n1 / n2, normal, n1 / n2 * cos_i - cos_t);
@@ -144,7 +167,7 @@ impl<'a> Reference<'a> {
     /// Whether the light is reflected; multiplies the weight as the estimator asks.
     fn reflects(&self, reflectance: f64, weight: &mut f64, random: &mut impl Rng) -> bool {
         let (chance, reflected, refracted) = match self.estimator {
-            Estimator::Analog => (reflectance, 1.0, 1.0),
+            Estimator::Analog | Estimator::ForcedEntry => (reflectance, 1.0, 1.0),
             Estimator::FairCoin => (0.5, 2.0 * reflectance, 2.0 * (1.0 - reflectance)),
             Estimator::PaperLiteral => (reflectance, reflectance, 1.0 - reflectance),
         };
@@ -196,11 +219,11 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Unpolarised reflectance of an interface, (r_s² + r_p²)/2.
-fn fresnel(n1: f64, n2: f64, cos_i: f64, cos_t: f64) -> f64 {
+/// Reflectance of an interface for s and for p.
+fn fresnel(n1: f64, n2: f64, cos_i: f64, cos_t: f64) -> (f64, f64) {
     let r_s = (n1 * cos_i - n2 * cos_t) / (n1 * cos_i + n2 * cos_t);
     let r_p = (n2 * cos_i - n1 * cos_t) / (n2 * cos_i + n1 * cos_t);
-    0.5 * (r_s * r_s + r_p * r_p)
+    (r_s * r_s, r_p * r_p)
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {

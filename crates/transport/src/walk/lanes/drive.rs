@@ -3,8 +3,9 @@
 use std::ops::Range;
 
 use super::draws::{Generator, Pair, Stream, uniform};
-use super::event::{Ahead, CROSSING, ENTERED, EXPLICIT, Facet, Problem, Ray, SPACE};
+use super::event::{Ahead, CROSSING, ENTERED, EXPLICIT, Facet, PLAIN, Problem, Ray, SPACE};
 use super::real::Real;
+use crate::Light;
 use crate::walk::{Exit, Fate};
 
 /// Paths that one sweep moves on by one event (two in the plane): enough independent chains to hide the latency of
@@ -27,6 +28,7 @@ pub(crate) struct Job {
     pub(crate) stream: Stream,
     pub(crate) paths: Range<u64>,
     pub(crate) event_cap: u32,
+    pub(crate) light: Light,
 }
 
 /// The state of all lanes, one array a variable.
@@ -39,6 +41,8 @@ struct Lanes<R> {
     met: [u32; LANES],
     depth: [R; LANES],
     limit: [R; LANES],
+    /// Share of s in the light, where that is tracked: 1 or 0.
+    share: [R; LANES],
     /// Explicit stacks: see [`Ahead`].
     ratio: [R; LANES],
     here: [R; LANES],
@@ -63,6 +67,7 @@ impl<R: Real> Lanes<R> {
             met: [0; LANES],
             depth: [R::ZERO; LANES],
             limit: [R::ZERO; LANES],
+            share: [R::ZERO; LANES],
             ratio: [R::ONE; LANES],
             here: [R::ZERO; LANES],
             beyond: [R::ZERO; LANES],
@@ -122,7 +127,7 @@ impl<R: Real> Lanes<R> {
 
     /// Starts path number `path` in a lane.
     #[inline(always)]
-    fn start<const ABSORB: bool>(&mut self, lane: usize, job: &Job, path: u64) {
+    fn start<const ABSORB: bool, const EVENT: u8>(&mut self, lane: usize, job: &Job, path: u64) {
         let (generator, spare) = job.stream.path(path);
         let ray = Ray {
             x: R::from_f64(job.sin_i),
@@ -136,6 +141,11 @@ impl<R: Real> Lanes<R> {
         self.set::<true>(lane, ray);
         (0..4).for_each(|word| self.generator[word][lane] = generator.state[word]);
         self.slot[lane] = (path - job.paths.start) as usize;
+        if EVENT != PLAIN {
+            // Tracked light: every other path is s.
+            let is_s = job.light == Light::S || (job.light == Light::Tracked && path.is_multiple_of(2));
+            self.share[lane] = if is_s { R::ONE } else { R::ZERO };
+        }
         if ABSORB {
             let budget = -libm::log((f64::from(spare) + 0.5) / 4_294_967_296.0);
             self.limit[lane] = R::from_f64(WEIGHT_DEPTH + budget);
@@ -146,6 +156,7 @@ impl<R: Real> Lanes<R> {
     fn shift(&mut self, from: usize, to: usize) {
         self.set::<true>(to, self.get(from));
         self.limit[to] = self.limit[from];
+        self.share[to] = self.share[from];
         (0..4).for_each(|word| self.generator[word][to] = self.generator[word][from]);
         self.slot[to] = self.slot[from];
     }
@@ -177,7 +188,14 @@ impl<R: Real> Lanes<R> {
     /// Drawing, looking up and moving are loops of their own: short chains of dependent operations, of which the
     /// processor overlaps several.
     #[inline(always)]
-    fn sweep<const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const STACK: u8, const FUSED: bool>(
+    fn sweep<
+        const SHAPE: u8,
+        const VISIBLE: bool,
+        const ABSORB: bool,
+        const STACK: u8,
+        const FUSED: bool,
+        const EVENT: u8,
+    >(
         &mut self,
         problem: &Problem<R>,
         count: usize,
@@ -185,15 +203,15 @@ impl<R: Real> Lanes<R> {
         let count = count.min(LANES);
         self.draw::<SHAPE, VISIBLE, FUSED>(problem, count);
         if STACK != EXPLICIT {
-            return self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, BOTH>(problem, count);
+            return self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, BOTH>(problem, count);
         }
         self.look_ahead(problem, count);
-        let ended = self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, FIRST>(problem, count);
+        let ended = self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, FIRST>(problem, count);
         if SHAPE == SPACE {
             return ended;
         }
         self.look_ahead(problem, count);
-        self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, SECOND>(problem, count)
+        self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, SECOND>(problem, count)
     }
 
     /// Draws the random numbers of a sweep.
@@ -243,6 +261,7 @@ impl<R: Real> Lanes<R> {
         const ABSORB: bool,
         const STACK: u8,
         const FUSED: bool,
+        const EVENT: u8,
         const PART: u8,
     >(
         &mut self,
@@ -274,11 +293,12 @@ impl<R: Real> Lanes<R> {
                 let weight = self.weights[half][lane];
                 let takes =
                     |a: R| !rests & (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, tilt, a, weight));
-                ray = constants.meet::<SHAPE, ABSORB, FUSED>(
+                ray = constants.meet::<SHAPE, ABSORB, FUSED, EVENT>(
                     ray,
                     facet,
                     ahead,
                     self.choices[half][lane],
+                    self.share[lane],
                     takes,
                 );
                 let absorbed = ABSORB && ray.depth > self.limit[lane];
@@ -334,6 +354,7 @@ pub(crate) fn walk<
     const ABSORB: bool,
     const STACK: u8,
     const FUSED: bool,
+    const EVENT: u8,
 >(
     problem: &Problem<R>,
     job: &Job,
@@ -343,14 +364,14 @@ pub(crate) fn walk<
     let mut paths = job.paths.clone();
     let mut live = 0_usize;
     for (lane, path) in (0..LANES).zip(paths.by_ref()) {
-        lanes.start::<ABSORB>(lane, job, path);
+        lanes.start::<ABSORB, EVENT>(lane, job, path);
         live += 1;
     }
     let mut crossings = 0;
     let mut until_cut = lanes.cut(job.event_cap);
     while live > 0 {
         let count = live.next_multiple_of(BLOCK);
-        let mut any = lanes.sweep::<SHAPE, VISIBLE, ABSORB, STACK, FUSED>(problem, count);
+        let mut any = lanes.sweep::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT>(problem, count);
         until_cut -= 1;
         if until_cut == 0 {
             until_cut = lanes.cut(job.event_cap);
@@ -375,7 +396,7 @@ pub(crate) fn walk<
                 crossings += u64::from(lanes.met[lane] / CROSSING);
                 out[lanes.slot[lane]] = lanes.exit(lane, problem);
                 if let Some(path) = paths.next() {
-                    lanes.start::<ABSORB>(lane, job, path);
+                    lanes.start::<ABSORB, EVENT>(lane, job, path);
                     continue;
                 }
                 live -= 1;

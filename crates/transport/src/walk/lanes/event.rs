@@ -45,6 +45,8 @@ pub(crate) struct Constants<R> {
     /// Visible normals: the largest |slope|, and in the plane the largest |tilt|.
     pub(crate) slope_max: R,
     pub(crate) tilt_max: f32,
+    /// Coherent sheets.
+    pub(crate) film: Film<R>,
 }
 
 /// A ray on its way to an interface, mirrored so that it always travels towards +z.
@@ -70,6 +72,64 @@ pub(crate) const PERIODIC: u8 = 0;
 pub(crate) const ALTERNATING: u8 = 1;
 /// Any list of layers: looked up.
 pub(crate) const EXPLICIT: u8 = 2;
+
+/// What happens at an interface, at compile time: unpolarised light between two media.
+pub(crate) const PLAIN: u8 = 0;
+/// s or p between two media.
+pub(crate) const TRACKED: u8 = 1;
+/// Unpolarised light at coherent sheets (and between two media at the other interfaces).
+pub(crate) const SHEETS: u8 = 2;
+/// s or p at coherent sheets.
+pub(crate) const TRACKED_SHEETS: u8 = 3;
+
+/// The constants of a coherent sheet.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Film<R> {
+    /// Index of the last interface that is a sheet; 0 without sheets.
+    pub(crate) last: i32,
+    /// n₁² and n₂², of the media around the sheet and of the sheet.
+    pub(crate) outer: R,
+    pub(crate) inner: R,
+    /// (2πd/λ)².
+    pub(crate) phase2: R,
+}
+
+/// 2·(−4)ʲ/(2j + 2)!: sin²√t/t = Σ cⱼ tʲ. Twelve terms leave 1e-15 for |t| up to (π/2)².
+const SINC2: [f64; 12] = {
+    let mut terms = [0.0; 12];
+    let (mut term, mut j) = (1.0, 0);
+    while j < 12 {
+        terms[j] = term;
+        let next = 2.0 * j as f64 + 3.0;
+        term *= -4.0 / (next * (next + 1.0));
+        j += 1;
+    }
+    terms
+};
+
+impl<R: Real> Film<R> {
+    /// Reflectance for s and for p at cos² of the local angle: F/(1 + F) with F = 4r²/(1 − r²)²·sin²δ, which is analytic
+    /// through the critical angle when written in cos²θ₂ (negative past it).
+    #[inline(always)]
+    fn reflectance<const FUSED: bool>(&self, cos2: R) -> (R, R) {
+        let q1 = self.outer * cos2;
+        let q2 = q1 + (self.inner - self.outer);
+        let t = self.phase2 * q2;
+        let mut series = R::from_f64(SINC2[11]);
+        for term in SINC2[..11].iter().rev() {
+            series = series.fma::<FUSED>(t, R::from_f64(*term));
+        }
+        let strength = self.phase2 * series;
+        let four = R::from_f64(4.0);
+        let gap = self.outer - self.inner;
+        let s = gap * gap * strength;
+        // (cos²θ₁/n₁² − q₂/n₂⁴)²·n₂⁴, over 4cos²θ₁/n₁².
+        let p1 = cos2 / self.outer;
+        let difference = p1 * self.inner - q2 / self.inner;
+        let p = difference * difference * strength;
+        (s / (s + four * q1), p / (p + four * p1))
+    }
+}
 
 /// One crossing in [`Ray::met`].
 pub(crate) const CROSSING: u32 = 4;
@@ -166,13 +226,15 @@ impl<R: Real> Constants<R> {
 
     /// One event: the ray meets `facet`; `choice`, uniform on (0, 2³¹], decides between reflection and refraction.
     /// A facet that faces away, or that `takes` refuses, changes nothing.
+    /// `share` is that of s in the light, where that is tracked: 1 or 0.
     #[inline(always)]
-    pub(crate) fn meet<const SHAPE: u8, const ABSORB: bool, const FUSED: bool>(
+    pub(crate) fn meet<const SHAPE: u8, const ABSORB: bool, const FUSED: bool, const EVENT: u8>(
         &self,
         ray: Ray<R>,
         facet: Facet<R>,
         ahead: Ahead<R>,
         choice: f32,
+        share: R,
         takes: impl Fn(R) -> bool,
     ) -> Ray<R> {
         let space = SHAPE == SPACE;
@@ -195,7 +257,22 @@ impl<R: Real> Constants<R> {
         let (pd, pn) = (ratio.fma::<FUSED>(b, a), (-ratio).fma::<FUSED>(b, a));
         let (both, s, p) = (sd * pd, sn * pd, pn * sd);
         let needed = R::from_f32(choice) * both * both;
-        let reflects = needed <= R::from_f64(HALF_SCALE) * s.fma::<FUSED>(s, p * p);
+        let mut reflects = if EVENT == TRACKED || EVENT == TRACKED_SHEETS {
+            let kept = share * s * s + (R::ONE - share) * p * p;
+            needed <= R::from_f64(2.0 * HALF_SCALE) * kept
+        } else {
+            needed <= R::from_f64(HALF_SCALE) * s.fma::<FUSED>(s, p * p)
+        };
+        if EVENT == SHEETS || EVENT == TRACKED_SHEETS {
+            let cos2 = if space { a * a / facet.square } else { a * a };
+            let (s, p) = self.film.reflectance::<FUSED>(cos2);
+            let film =
+                if EVENT == SHEETS { R::from_f64(0.5) * (s + p) } else { share * s + (R::ONE - share) * p };
+            // A facet that faces away counts as one that reflects.
+            let reflected = !faces | (R::from_f32(choice) <= R::from_f64(2.0 * HALF_SCALE) * film);
+            let is_sheet = (ray.interface > 0) & (ray.interface <= self.film.last);
+            reflects = choose(is_sheet, reflected, reflects);
+        }
         let along = choose(reflects, R::ONE, ratio);
         let normal = choose(reflects, a + a, sn);
         let normal = if space { normal / facet.square } else { normal };
