@@ -9,8 +9,13 @@ use terminal::Stop;
 /// Set by Ctrl-C.
 pub(crate) static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
-/// Lets Ctrl-C and SIGTERM end the bake between two tasks instead of in the middle of a write.
+/// Lets Ctrl-C and SIGTERM end the bake between two tasks instead of in the middle of a write. A bake of several tables
+/// calls it for each.
 pub(crate) fn watch_for_interrupts() -> Result<(), Stop> {
+    static WATCHING: AtomicBool = AtomicBool::new(false);
+    if WATCHING.swap(true, Ordering::Relaxed) {
+        return Ok(());
+    }
     ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Relaxed)).map_err(Stop::failure)
 }
 

@@ -3,6 +3,7 @@
 use super::bake::watched;
 use super::{Manners, manners};
 use bake_brdf::bake::reproduce::{self, Difference};
+use lut_io::table::Solver;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -20,7 +21,9 @@ pub(super) fn run(path: &Path, manners: &Manners) -> Outcome {
         false => Stop::failure(why),
     })?;
     reproduce::request(&stored.meta).map_err(|why| Stop::bad_input(format!("{file}: {why}")))?;
-    manners::watch_for_interrupts()?;
+    if stored.meta.solver == Solver::Walk {
+        manners::watch_for_interrupts()?;
+    }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(manners.threads.unwrap_or(0).into()).build();
     let started = Instant::now();
     let again = pool
