@@ -491,13 +491,12 @@ fn sample(wi: [f64; 3]) -> Found {
     ];
     let mut worst = 0.0_f64;
     let mut naive = 0.0_f64;
+    let mut nan = false;
     for u1 in corners {
         for u2 in corners {
-            naive = if naive.is_nan() {
-                naive
-            } else {
-                naive.max((naive::box_muller_length(u1, u2) - 1.0).abs())
-            };
+            let departure = (naive::box_muller_length(u1, u2) - 1.0).abs();
+            naive = if departure.is_nan() { departure } else { naive.max(departure) };
+            nan |= naive.is_nan();
             for u3 in corners {
                 let Some(found) = bsdf().sample(wi, u1, u2, u3) else { continue };
                 let length = found.wo.iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -509,6 +508,7 @@ fn sample(wi: [f64; 3]) -> Found {
             }
         }
     }
+    let naive = if nan { f64::NAN } else { naive };
     Found { answer: 0.0, naive, ours: worst, error: worst, unit: "" }
 }
 
