@@ -148,9 +148,19 @@ impl PearlBsdf {
     /// turned into reflectances that are flat within a channel's part of the spectrum.
     #[must_use]
     pub fn eval_at(&self, wi: Direction, wo: Direction, wavelength_nm: f64) -> [f64; 4] {
+        self.shade_at(wi, wo, wavelength_nm, Viewer::AtExit)
+    }
+
+    /// [`Self::eval_seen`] at one wavelength (nm), as [`Self::eval_at`] is [`Self::eval`].
+    #[must_use]
+    pub fn eval_seen_at(&self, view: Direction, light: Direction, wavelength_nm: f64) -> [f64; 4] {
+        self.shade_at(view, light, wavelength_nm, Viewer::AtIncidence)
+    }
+
+    fn shade_at(&self, wi: Direction, wo: Direction, wavelength_nm: f64, viewer: Viewer) -> [f64; 4] {
         let Some(geometry) = self.geometry(wi, wo) else { return [0.0; 4] };
         if self.bands.is_empty() {
-            let parts = self.shade(&self.rgb, &geometry, wo, Viewer::AtExit).parts();
+            let parts = self.shade(&self.rgb, &geometry, wo, viewer).parts();
             return parts.map(|rgb| rgb.iter().sum::<f64>() / 3.0);
         }
         let nodes = &self.wavelength_nm;
@@ -158,7 +168,7 @@ impl PearlBsdf {
         let (lo, hi) = (above.saturating_sub(1), above.min(nodes.len() - 1));
         let share = if hi > lo { (wavelength_nm - nodes[lo]) / (nodes[hi] - nodes[lo]) } else { 0.0 };
         let band = |index: usize| {
-            self.shade(&self.bands[index / 3], &geometry, wo, Viewer::AtExit)
+            self.shade(&self.bands[index / 3], &geometry, wo, viewer)
                 .parts()
                 .map(|channels| channels[index % 3])
         };

@@ -9,6 +9,7 @@ differentiable ones alike.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,7 +20,7 @@ _NOTHING_LEFT = 1e-12
 _LUMINANCE = np.array([[0.212671, 0.715160, 0.072169]])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Palette:
     """Channels of one kind, over the nodes of `curves`; arrays are [channel, node]."""
 
@@ -36,6 +37,7 @@ class Palette:
         return len(self.tint_weights)
 
     @classmethod
+    @lru_cache(maxsize=16)
     def of(cls, table, kind):
         """Channels of kind `rgb`, `mono` (luminance) or `bands` (one channel at all wavelengths for a plain table)."""
         spectra = table.spectra

@@ -64,7 +64,7 @@ class Spectra:
         return cls(nm, part("coherent", "modulation"), part("illuminant", "emission"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Table:
     """A table with all that evaluating it needs."""
 

@@ -61,16 +61,20 @@ pub(crate) enum Command {
 pub(crate) struct EvalArgs {
     #[command(flatten)]
     pub(crate) pearl: Pearl,
-    /// JSON lines `{"wi":[x,y,z],"wo":[x,y,z]}`, directions of any length but 0; - reads stdin.
+    /// JSON lines `{"wi":[x,y,z],"wo":[x,y,z]}`, directions of any length but 0; - reads stdin. Mitsuba's convention:
+    /// wi looks at the surface, light arrives from wo.
     #[arg(long, value_name = "FILE")]
     pub(crate) input: PathBuf,
+    /// Also print f·cos θ at these wavelengths, nm, as a list `spectral`.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = wavelength)]
+    pub(crate) wavelengths_nm: Vec<f64>,
 }
 
 #[derive(Args, Debug)]
 pub(crate) struct SampleArgs {
     #[command(flatten)]
     pub(crate) pearl: Pearl,
-    /// Direction that the light comes from, of any length but 0.
+    /// Direction that looks at the surface, of any length but 0.
     #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true)]
     pub(crate) wi: Triple,
     /// How many.
@@ -132,6 +136,12 @@ pub(crate) struct Pearl {
     /// What to show, of diffuse, incoherent, mirror, blur [default: all].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     components: Option<Vec<String>>,
+}
+
+/// Parses a wavelength in nm.
+fn wavelength(text: &str) -> Result<f64, String> {
+    let nm = text.trim().parse::<f64>().ok().filter(|nm| (100.0..=10_000.0).contains(nm));
+    nm.ok_or_else(|| format!("{text:?} is not a wavelength from 100 to 10000 nm"))
 }
 
 /// Three numbers.

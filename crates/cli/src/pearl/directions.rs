@@ -19,6 +19,8 @@ struct Pair {
 }
 
 /// Evaluates every line of the input; nothing is kept but the line at hand.
+///
+/// As a renderer that traces paths from the camera asks: wi looks at the surface, light arrives from wo.
 pub(crate) fn eval(args: &EvalArgs) -> Outcome {
     let bsdf = args.pearl.bsdf()?;
     let name = args.input.display();
@@ -56,8 +58,12 @@ pub(crate) fn eval(args: &EvalArgs) -> Outcome {
             Ok(pair) => pair,
             Err(why) => return bad(&mut out, why),
         };
-        let (value, pdf) = bsdf.eval_pdf(wi, wo);
-        let object = json!({ "rgb": value.rgb(), "pdf": pdf, "components": components(&value) });
+        let (value, pdf) = (bsdf.eval_seen(wi, wo), bsdf.pdf(wi, wo));
+        let mut object = json!({ "rgb": value.rgb(), "pdf": pdf, "components": components(&value) });
+        if !args.wavelengths_nm.is_empty() {
+            let at = |nm: &f64| bsdf.eval_seen_at(wi, wo, *nm).iter().sum::<f64>();
+            object["spectral"] = args.wavelengths_nm.iter().map(at).collect();
+        }
         writeln!(out, "{object}")?;
     }
     Ok(out.flush()?)
@@ -99,10 +105,11 @@ pub(crate) fn sample(args: &SampleArgs) -> Outcome {
     for _ in 0..args.count {
         let object = match bsdf.sample(wi, random.random(), random.random(), random.random()) {
             Some(sample) => {
-                let rgb = sample.value.rgb();
+                let value = bsdf.eval_seen(wi, sample.wo);
+                let rgb = value.rgb();
                 json!({
                     "wo": sample.wo, "pdf": sample.pdf, "rgb": rgb,
-                    "weight": rgb.map(|x| x / sample.pdf), "components": components(&sample.value),
+                    "weight": rgb.map(|x| x / sample.pdf), "components": components(&value),
                 })
             }
             None => json!({ "wo": null, "pdf": 0.0, "rgb": [0.0, 0.0, 0.0], "weight": [0.0, 0.0, 0.0] }),

@@ -1,0 +1,101 @@
+"""The comparison harness: its quick mode keeps every limit, its verdicts can fail, and it refuses in one line."""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tools" / "compare"))
+
+dr = pytest.importorskip("drjit")
+pytest.importorskip("mitsuba")
+
+
+def llvm_missing():
+    try:
+        dr.eval(dr.llvm.Float(1.0) + 1.0)
+    except Exception as error:  # whatever Dr.Jit raises, its text is the reason
+        return f"the comparison harness is NOT TESTED: {str(error).strip()}"
+    return None
+
+
+LLVM_MISSING = llvm_missing()
+
+
+def compare(*args):
+    environment = {"NACRE_BIN": str(ROOT / "target" / "release"), **os.environ}
+    return subprocess.run(
+        [sys.executable, ROOT / "tools" / "compare", *map(str, args)], capture_output=True, text=True, env=environment
+    )
+
+
+def test_the_quick_comparison_keeps_its_limits(tmp_path):
+    if LLVM_MISSING:
+        print(f"\n{LLVM_MISSING}", file=sys.__stderr__)
+        pytest.skip(LLVM_MISSING)
+    done = compare("--quick", "--ways", "bcd", "-o", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    report = json.loads((tmp_path / "compare.json").read_text())
+    assert report["schema"] == "pearl-compare/1" and report["pass"]
+    passed = {line["ways"] for line in report["lines"] if line["verdict"] == "pass"}
+    assert passed == {"c|b", "d|b"}
+    assert all(line["why"] for line in report["lines"] if line["verdict"] == "refused")
+    page = (tmp_path / "index.html").read_text()
+    assert page.count("<img") > 15 and page.count("class=fail") == 0
+
+
+def test_bad_usage_is_refused_in_one_line(tmp_path):
+    for args, message in (
+        (["--ways", "xyz"], "--ways: 'xyz' is not a choice"),
+        (["--ways", ""], "--ways: ''"),
+    ):
+        done = compare("-o", tmp_path / "page", *args)
+        assert done.returncode == 2 and message in done.stderr and done.stderr.count("\n") == 1, done.stderr
+    assert not (tmp_path / "page").exists()
+
+
+def test_pictures_that_differ_fail():
+    import importlib.util
+
+    spec = importlib.util.spec_from_file_location("compare_main", ROOT / "tools" / "compare" / "__main__.py")
+    main = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(main)
+    random = np.random.default_rng(1)
+    picture = random.uniform(0.2, 1.0, (256, 3))
+    verdicts = lambda lines: [line["verdict"] for line in lines]  # noqa: E731
+    limits = main.LIMIT_MEASURED
+    assert verdicts(main.against("x", "a", picture, picture, limits)) == ["pass", "pass", "pass"]
+    assert verdicts(main.against("x", "a", picture * 1.002, picture, limits))[:2] == ["pass", "fail"]
+    rough = picture * random.normal(1.0, 0.02, picture.shape)
+    assert verdicts(main.against("x", "a", rough, picture, limits))[0] == "fail"
+    # Noise of 10 % a pixel hides a gap of 0.1 %, but none of 10 %.
+    variance = np.full(256, 0.06**2)
+    for gap, verdict in ((0.001, "pass"), (0.1, "fail")):
+        walked = picture * (1 + gap) + random.normal(0, 0.06, (256, 1))
+        plugin = picture + random.normal(0, 0.06, (256, 1))
+        assert verdicts(main.noise("x", (walked, variance), (plugin, variance), 16))[0] == verdict
+
+
+def test_colour_differences_are_those_of_the_reference_data():
+    import colour
+
+    # Sharma, Wu & Dalal (2005), table 1, pairs 1, 7, 17 and 25, given as L*a*b*.
+    pairs = [
+        ((50.0, 2.6772, -79.7751), (50.0, 0.0, -82.7485), 2.0425),
+        ((50.0, 0.0, 0.0), (50.0, -1.0, 2.0), 2.3669),
+        ((50.0, 2.5, 0.0), (73.0, 25.0, -18.0), 27.1492),
+        ((60.2574, -34.0099, 36.2677), (60.4626, -34.1751, 39.4387), 1.2644),
+    ]
+    original = colour.lab
+    try:
+        colour.lab = lambda values: values
+        for a, b, expected in pairs:
+            found = colour.delta_e(np.array([a]), np.array([b]))[0]
+            assert abs(found - expected) < 1e-4, (a, b, found)
+    finally:
+        colour.lab = original
