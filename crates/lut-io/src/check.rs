@@ -27,9 +27,8 @@ const RECIPROCAL_BELOW_DEG: f64 = 80.0;
 /// Largest step of a cell off the cubic through its four neighbours, beyond six standard errors, as a share of the
 /// largest of the five (or a thousandth of the peak). Noise-free lobes reach 0.13 in space at 90°, 0.03 elsewhere; a cell that is half again as high as it should be is past it.
 pub const SMOOTHNESS_TOLERANCE: f64 = 0.25;
-/// Largest departure of the variance of standardised differences from 1, in standard deviations of that variance:
-/// passed by chance once in 3,000 honest comparisons.
-pub const HONESTY_TOLERANCE: f64 = 3.6;
+/// Smallest p of the variance of standardised differences that passes for honest: missed by chance once in 3,000.
+pub const HONESTY_SIGNIFICANCE: f64 = 3e-4;
 /// Fewest paths that two tables together need in a cell that enters the test of honesty.
 const FEWEST_TOGETHER: f32 = 50.0;
 

@@ -38,12 +38,15 @@ pub(super) fn walk_table(
             noise: tally.total_variation_error(),
         });
     let crossings: u64 = sampling.tallies().iter().map(|tally| tally.crossings).sum();
-    let settings = settings([
+    let mut settings = settings([
         ("estimator", "analog".into()),
         ("precision", sampling.precision().into()),
         ("event_cap", request.event_cap.into()),
         ("crossings", crossings.into()),
     ]);
+    if let Target::Time(budget) = request.target {
+        settings.insert("time_budget_seconds".to_owned(), budget.as_secs_f64().into());
+    }
     let halfway = |rows: &[Row]| {
         halfway::beside_walk(
             &request.recipe,

@@ -2,7 +2,7 @@
 
 use crate::{FileArg, read, read_lobe};
 use lut_io::Table;
-use lut_io::check::{self, Finding, HONESTY_TOLERANCE, Honesty};
+use lut_io::check::{self, Finding, HONESTY_SIGNIFICANCE, Honesty};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -60,7 +60,7 @@ fn honesty(table: &Table, file: &Path, other: &Path) -> Result<Vec<Honesty>, Sto
 }
 
 fn honest(found: &Honesty) -> bool {
-    found.departure.abs() <= HONESTY_TOLERANCE
+    found.p >= HONESTY_SIGNIFICANCE
 }
 
 /// What the table was made of and by, and the command that makes it again.
@@ -99,7 +99,7 @@ fn honesty_text(honesty: &[Honesty]) -> String {
         let _ = writeln!(
             text,
             "{verdict:<7} {:<17} {variance:.4} is the variance of {count} differences of {of} in standard errors \
-             (p {p:.3}; {departure:+.1} standard deviations from 1, at most {HONESTY_TOLERANCE})",
+             (p {p:.3}, at least {HONESTY_SIGNIFICANCE}; {departure:+.1} standard deviations from 1)",
             "honesty"
         );
     }
