@@ -323,6 +323,8 @@ const SPECTRUM_BYTES: [u64; 2] = [80_000, 27_000];
 /// metadata.
 const OVERHEAD_SECONDS: f64 = 0.01;
 const HEADER_BYTES: u64 = 5_000;
+/// Seconds of one core that a row of a table takes beside its solution: CPU time of plane bakes, less the solver's.
+const ROW_SECONDS: f64 = 1.6e-3;
 /// Bytes of metadata an incidence, and compressed bytes a cell, by solver: measured on the paper's pearl.
 const INCIDENCE_BYTES: u64 = 700;
 const WALK_CELL_BYTES: f64 = 22.0;
@@ -334,5 +336,6 @@ fn lobe_cost(request: &Request, solver: SolverChoice) -> Result<Cost, BakeError>
     let cells = forecast.cells as f64;
     let each = if solver == SolverChoice::Doubling { DOUBLING_CELL_BYTES } else { WALK_CELL_BYTES };
     let bytes = INCIDENCE_BYTES * request.incident_deg.len() as u64 + (cells * each) as u64;
-    Ok(Cost { seconds: forecast.seconds, bytes })
+    let rows = ROW_SECONDS * request.incident_deg.len() as f64 / rayon::current_num_threads() as f64;
+    Ok(Cost { seconds: forecast.seconds + rows, bytes })
 }

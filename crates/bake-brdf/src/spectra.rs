@@ -38,8 +38,12 @@ const REFLECTANCE_WORK: f64 = 3e9;
 const IRREGULAR_WORK: f64 = 5e7;
 const FIELD_WORK: f64 = 7e8;
 const SLOW_FIELD_WORK: f64 = 2e7;
-/// Seconds of one core behind each of these.
-const BUDGET_SECONDS: f64 = 3.0;
+/// Seconds of one AVX-512 core that each of these takes: CPU time of bakes on a busy 2-core machine (the paper's pearl, the
+/// golden one).
+const REFLECTANCE_SECONDS: f64 = 1.4;
+const IRREGULAR_SECONDS: f64 = 3.8;
+const FIELD_SECONDS: f64 = 5.8;
+const SLOW_FIELD_SECONDS: f64 = 3.8;
 /// Members of an ensemble of irregular stacks: at least, and as many as bring the hue to ΔE00 ≈ 0.5.
 const FEWEST_MEMBERS: f64 = 2.0;
 const MEMBERS: f64 = 64.0;
@@ -301,17 +305,18 @@ fn has_slow_fields(stack: &Stack) -> bool {
 /// Seconds of one core that M and Ê take, each 0 where it is not wanted.
 #[must_use]
 pub fn forecast(recipe: &Recipe, wanted: Wanted) -> [f64; 2] {
-    // A work budget stands for so many seconds, whatever the kind of stack.
-    let seconds = |work: f64, effort: &Effort| BUDGET_SECONDS * effort.work / work;
+    let seconds = |(budget, work): (f64, f64), effort: &Effort| budget * effort.work / work;
     let stack = wave_stack(recipe, wanted);
     let coherent = || {
-        let work = if stack.is_irregular() { IRREGULAR_WORK } else { REFLECTANCE_WORK };
-        seconds(work, &coherent_effort(&stack).1)
+        let regular = (REFLECTANCE_SECONDS, REFLECTANCE_WORK);
+        let rate = if stack.is_irregular() { (IRREGULAR_SECONDS, IRREGULAR_WORK) } else { regular };
+        seconds(rate, &coherent_effort(&stack).1)
     };
     let illuminant = || {
         let stack = shortened(stack.clone(), DEEPEST);
-        let work = if has_slow_fields(&stack) { SLOW_FIELD_WORK } else { FIELD_WORK };
-        seconds(work, &illuminant_effort(&stack).1)
+        let fast = (FIELD_SECONDS, FIELD_WORK);
+        let rate = if has_slow_fields(&stack) { (SLOW_FIELD_SECONDS, SLOW_FIELD_WORK) } else { fast };
+        seconds(rate, &illuminant_effort(&stack).1)
     };
     [
         if wanted.coherent == Want::No { 0.0 } else { coherent() },

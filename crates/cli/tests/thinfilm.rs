@@ -84,6 +84,11 @@ fn bad_input_is_refused_in_one_line() {
         (&["swatch", "r.json", "-o", "out.png", "--thickness-percent", "0:1:2"], "--thickness-percent"),
         (&["swatch", "r.json", "-o", "out.png", "--angles-deg", "0:90:0"], "--angles-deg"),
         (&["swatch", "r.json"], "--output"),
+        (&["spectrum", "r.json", "--line-width-nm", "300"], "at most"),
+        (&["spectrum", "r.json", "--line-width-nm", "nan"], "--line-width-nm"),
+        (&["spectrum", "r.json", "--accuracy", "0"], "--accuracy"),
+        (&["spectrum", "r.json", "--incoherent-above-nm", "0"], "--incoherent-above-nm"),
+        (&["spectrum", "r.json", "--members", "2", "--line-width-nm", "1"], "cannot be used with"),
         (&["verify", "r.json"], "cases"),
         (&["verify", "missing.json"], "missing.json"),
     ] {
@@ -135,15 +140,71 @@ fn colours_of_films_are_those_of_newton() {
     assert!(rgb(&colour("air.json"), 0).iter().all(|c| c.abs() < 1e-14));
 }
 
+/// The pixels in the middle of a swatch's cells are the colours that `colour` prints, at the exposure of the brightest channel.
 #[test]
-fn a_swatch_is_a_picture_of_its_cells() {
+fn a_swatch_shows_the_colours_of_its_cells() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("r.json"), r#"{"stack":{"layers":4}}"#).unwrap();
-    let output = tool(
-        folder.path(),
-        &["swatch", "r.json", "-o", "s.png", "--angles-deg", "0,30,60", "--thickness-percent", "80:120:5"],
-    );
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    let png = std::fs::read(folder.path().join("s.png")).unwrap();
-    assert!(png.starts_with(b"\x89PNG") && png.len() > 5_000);
+    let run = |args: &[&str]| {
+        let output = tool(folder.path(), args);
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        output.stdout
+    };
+    run(&["swatch", "r.json", "-o", "s.png", "--angles-deg", "0,30,60", "--thickness-percent", "100:100:1"]);
+    let file = std::io::BufReader::new(std::fs::File::open(folder.path().join("s.png")).unwrap());
+    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let frame = reader.next_frame(&mut pixels).unwrap();
+    let channels = frame.color_type.samples();
+    let colours: Value =
+        serde_json::from_slice(&run(&["colour", "r.json", "--angles-deg", "0,30,60", "--json"])).unwrap();
+    let linear: Vec<Vec<f64>> = colours["colours"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|c| c["linear_srgb"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect())
+        .collect();
+    let brightest = linear.iter().flatten().copied().fold(0.0, f64::max);
+    for (row, linear) in linear.iter().enumerate() {
+        // Cells of 36 × 40 below and right of a margin of 96 × 64, drawn at twice that.
+        let (x, y) = (2 * (96 + 18), 2 * (64 + 20 + 40 * row));
+        let at = (y * frame.width as usize + x) * channels;
+        for (c, linear) in linear.iter().enumerate() {
+            let x = (linear / brightest).max(0.0);
+            let encoded = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+            let seen = f64::from(pixels[at + c]);
+            assert!(
+                (seen - 255.0 * encoded).abs() <= 1.0,
+                "row {row}, channel {c}: {seen} {}",
+                255.0 * encoded
+            );
+        }
+    }
+}
+
+#[test]
+fn an_ensemble_has_the_members_that_its_accuracy_takes() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = r#"{"stack":{"layers":20,"aragonite":{"thickness_sd_nm":20}}}"#;
+    std::fs::write(folder.path().join("r.json"), text).unwrap();
+    let ensemble = |flag: &str, value: &str| -> Value {
+        let waves = ["--wavelengths-nm", "450:650:3", "--angles-deg", "0,40", "--json"];
+        let output = tool(folder.path(), &[&["spectrum", "r.json", flag, value][..], &waves].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let errors = |spectrum: &Value| -> f64 {
+        let rows = spectrum["R_std_error"].as_array().unwrap();
+        let squares: Vec<f64> = rows
+            .iter()
+            .flat_map(|row| row.as_array().unwrap())
+            .map(|error| error.as_f64().unwrap().powi(2))
+            .collect();
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    };
+    let few = ensemble("--members", "4");
+    assert_eq!(few["members"], 4);
+    let many = ensemble("--accuracy", "0.002");
+    assert!(errors(&few) > 0.002 && errors(&many) <= 0.002, "{} {}", errors(&few), errors(&many));
+    assert!(many["members"].as_u64().unwrap() > 4);
 }

@@ -118,22 +118,40 @@ fn samples() -> Result<Vec<[f64; 4]>, StackError> {
     Ok(samples)
 }
 
-fn timed(rounds: usize, mut job: impl FnMut() -> Result<(), StackError>) -> Result<Vec<f64>, StackError> {
-    let mut seconds = Vec::with_capacity(rounds);
+/// Seconds of each round, by the clock and on processors, ascending.
+struct Seconds {
+    clock: Vec<f64>,
+    processor: Vec<f64>,
+}
+
+fn timed(rounds: usize, mut job: impl FnMut() -> Result<(), StackError>) -> Result<Seconds, StackError> {
+    let mut seconds = Seconds { clock: Vec::with_capacity(rounds), processor: Vec::with_capacity(rounds) };
     for _ in 0..rounds {
-        let start = Instant::now();
+        let (clock, processor) = (Instant::now(), processor_seconds());
         job()?;
-        seconds.push(start.elapsed().as_secs_f64());
+        seconds.clock.push(clock.elapsed().as_secs_f64());
+        seconds.processor.push(processor_seconds() - processor);
     }
-    seconds.sort_by(f64::total_cmp);
+    seconds.clock.sort_by(f64::total_cmp);
+    seconds.processor.sort_by(f64::total_cmp);
     Ok(seconds)
 }
 
-fn rate(evaluations: usize, seconds: &[f64]) -> serde_json::Value {
+fn rate(evaluations: usize, seconds: &Seconds) -> serde_json::Value {
+    let of = |seconds: &[f64], at: usize| (seconds[at] > 0.0).then(|| evaluations as f64 / seconds[at]);
     json!({
-        "best": evaluations as f64 / seconds[0],
-        "median": evaluations as f64 / seconds[seconds.len() / 2],
+        "best": of(&seconds.clock, 0),
+        "median": of(&seconds.clock, seconds.clock.len() / 2),
+        "median_per_processor_second": of(&seconds.processor, seconds.processor.len() / 2),
     })
+}
+
+/// Time that this process's threads have spent on a processor, from Linux's scheduler; 0 elsewhere.
+fn processor_seconds() -> f64 {
+    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+    let of = |task: std::fs::DirEntry| std::fs::read_to_string(task.path().join("schedstat")).ok();
+    let nanoseconds = |text: String| text.split_whitespace().next().and_then(|n| n.parse::<f64>().ok());
+    tasks.filter_map(of).filter_map(nanoseconds).sum::<f64>() * 1e-9
 }
 
 /// What one writes first: the admittance recursion, one wave at a time, nothing scaled.

@@ -20,7 +20,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let wavelength = 633e-9;
     let film = stack.at(wavelength)?;
     println!("degrees   R        absorbed in the silver   |E|^2 at its far face");
-    for tenths in (410..=450).step_by(5) {
+    // The resonance is a third of a degree wide.
+    for tenths in (422..=440).step_by(2) {
         let degrees = f64::from(tenths) / 10.0;
         let incidence = Incidence::Angle(degrees.to_radians());
         let response = film.solve(wavelength, incidence, Polarisation::P)?;

@@ -1,4 +1,4 @@
-//! Colour of a pearl against the angle: a regular stack, and the mean of irregular ones, whose colours are paler.
+//! Colour of 100 layers of nacre against the angle: a regular stack, and the mean of irregular ones with its error.
 //!
 //! `cargo run --release -p thinfilm --example pearl_colour`
 #![allow(clippy::print_stdout)]

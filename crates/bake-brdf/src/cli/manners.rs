@@ -9,11 +9,11 @@ use terminal::Stop;
 /// Set by Ctrl-C.
 pub(crate) static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
-/// Lets Ctrl-C and SIGTERM end the bake between two tasks instead of in the middle of a write. A bake of several tables
-/// calls it for each.
+/// Lets Ctrl-C and SIGTERM end the bake between two tasks instead of in the middle of a write. A scene of several tables asks
+/// for it several times.
 pub(crate) fn watch_for_interrupts() -> Result<(), Stop> {
-    static WATCHING: AtomicBool = AtomicBool::new(false);
-    if WATCHING.swap(true, Ordering::Relaxed) {
+    static WATCHED: AtomicBool = AtomicBool::new(false);
+    if WATCHED.swap(true, Ordering::Relaxed) {
         return Ok(());
     }
     ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Relaxed)).map_err(Stop::failure)
