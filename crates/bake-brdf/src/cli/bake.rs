@@ -1,8 +1,8 @@
 //! `bake-brdf bake`.
 
+use super::manners;
 use super::plan::{SceneArgs, refuse, solver_name};
 use super::terms::{self, TermsArgs, recipe};
-use super::{Manners, manners};
 use bake_brdf::bake::sampling::{Shard, State};
 use bake_brdf::bake::snapshot::{self, MOST_SHARDS, Snapshot};
 use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, Sides, SolverChoice};
@@ -14,6 +14,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
+use terminal::Manners;
 use terminal::{Outcome, Stop};
 
 /// Least time between two checkpoints unless asked otherwise.
@@ -78,7 +79,7 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     let terms = args.terms.terms(None)?;
     let request = request(args, &terms)?;
     request.check().map_err(stop)?;
-    let pool = super::pool(manners)?;
+    let pool = manners.pool()?;
     if args.dry_run {
         return pool.install(|| dry_run(&request, manners));
     }

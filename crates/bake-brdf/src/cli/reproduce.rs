@@ -1,14 +1,14 @@
 //! `bake-brdf --reproduce`: a table baked again from its metadata, compared bit by bit.
 
 use super::bake::watched;
-use super::{Manners, manners};
+use super::manners;
 use bake_brdf::bake::reproduce::{self, Difference};
 use lut_io::table::Solver;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Instant;
-use terminal::{Outcome, Stop};
+use terminal::{Manners, Outcome, Stop};
 
 /// Differences listed before the rest is only counted.
 const MOST_LISTED: usize = 20;
