@@ -108,9 +108,15 @@ def _sheet(origin, d):
     return hit, p, dr.normalize(mi.Normal3f(-fold_x - bump_x, -tilt - fold_y - bump_y, 1))
 
 
+def generators(count, seed):
+    """Random number generators, each with a state of its own: streams of PCG32 that share one are correlated."""
+    states = np.random.default_rng(seed).integers(2**63, size=count, dtype=np.uint64)
+    return mi.PCG32(count, initstate=mi.UInt64(states))
+
+
 def samples(scene, sampler, size, spp, seed):
     """Light paths of a scene; `sampler(wi, u1, u2)` gives exit directions and their densities."""
-    rng = mi.PCG32(size * size * spp, initstate=seed)
+    rng = generators(size * size * spp, seed)
     pixel, origin, d = _camera(size, spp, rng)
     hit, point, normal = (_sphere if scene.shape == "sphere" else _sheet)(origin, d)
     frame = mi.Frame3f(dr.select(hit, mi.Vector3f(normal), mi.Vector3f(0, 0, 1)))
@@ -133,9 +139,10 @@ def samples(scene, sampler, size, spp, seed):
         to_light = target - point
         wo = frame.to_local(dr.normalize(to_light))
         light = mi.Color3f(strength / dr.squared_norm(to_light))
-    valid &= wo.z > 0
-    wo = dr.select(valid, wo, mi.Vector3f(0, 0, 1))
-    light = dr.select(valid, light, 0)
+    # A direction that was not found, or below the horizon, is a path without light; the camera's part of it stays valid.
+    lit = valid & (wo.z > 0)
+    wo = dr.select(lit, wo, mi.Vector3f(0, 0, 1))
+    light = dr.select(lit, light, 0)
     dr.eval(pixel, wi, wo, light, valid, frame, point)
     return Samples(pixel, wi, wo, light, valid, frame, radiance, point)
 

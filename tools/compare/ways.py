@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+import scenes
 import walk
 
 
@@ -52,12 +53,18 @@ class Plugin:
         return of_mitsuba(self.bsdf, samples, wavelengths)
 
     def sampler(self, wi, u, uv):
+        """Exit directions and densities: from the plugin, every third from a cosine, so that another way's light where
+        the plugin has next to none weighs what it is."""
         si = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))
         si.wi = wi
         if "spectral" in mi.variant():
             si.wavelengths = [500.0] * 4
-        sample, _ = self.bsdf.sample(mi.BSDFContext(), si, u, uv)
-        return sample.wo, sample.pdf
+        ctx = mi.BSDFContext()
+        even = u < 1 / 3
+        sample, _ = self.bsdf.sample(ctx, si, dr.clip(1.5 * (u - 1 / 3), 0.0, 1.0 - 1e-7), uv)
+        wo = dr.select(even, mi.warp.square_to_cosine_hemisphere(uv), sample.wo)
+        pdf = self.bsdf.pdf(ctx, si, wo) * (2 / 3) + wo.z / (3 * dr.pi)
+        return wo, dr.select(even | (sample.pdf > 0), pdf, 0)
 
 
 class Measured:
@@ -69,9 +76,8 @@ class Measured:
         spectral = "spectral" in mi.variant()
         self.file = pathlib.Path(tools.folder) / f"{pathlib.Path(table).stem}-{'spectral' if spectral else 'rgb'}.bsdf"
         form = "bsdf-spectral" if spectral else "bsdf-rgb"
-        look = ["--depth", parameters["depth"], "--coherence", parameters["coherence"],
-                "--brightness", parameters["brightness"], "--body-rgb", ",".join(map(str, parameters["body"]))]  # fmt: skip
-        tools.run("lut", "export", table, "--to", form, "-o", self.file, *look)
+        # With the look of the recipe in the table, which is what is compared.
+        tools.run("lut", "export", table, "--to", form, "-o", self.file)
         self.bsdf = mi.load_dict({"type": "measured", "filename": str(self.file)})
 
     def __call__(self, samples, wavelengths):
@@ -128,7 +134,7 @@ class Walk:
         index = dr.compress(samples.valid)
         pick = lambda value: dr.gather(type(value), value, index)  # noqa: E731
         wi = pick(samples.wi)
-        rng = mi.PCG32(dr.width(index), initstate=seed, initseq=dr.arange(mi.UInt64, dr.width(index)))
+        rng = scenes.generators(dr.width(index), seed)
         wo, weight = walk.sample(self.stack, wi, rng, self.body)
         full = dr.zeros(mi.Vector3f, dr.width(samples.pixel))
         dr.scatter(full, wo, index)

@@ -14,11 +14,13 @@ pub mod error;
 pub mod exr_file;
 pub mod lobe;
 pub mod measure;
+pub mod merl;
 pub mod monotone;
 pub mod profile;
 pub mod slice;
 pub mod spectra;
 pub mod table;
+pub mod tensor_file;
 
 pub use error::{Flaw, LutError};
 pub use table::Table;

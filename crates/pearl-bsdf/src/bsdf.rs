@@ -123,6 +123,12 @@ impl PearlBsdf {
         &self.controls
     }
 
+    /// Centres of the bands of the interference colours, nm; empty without them.
+    #[must_use]
+    pub fn band_centres_nm(&self) -> &[f64] {
+        &self.wavelength_nm
+    }
+
     /// f·cos θo of each shown component in linear sRGB, 1/sr.
     #[must_use]
     pub fn eval(&self, wi: Direction, wo: Direction) -> Evaluation {

@@ -87,7 +87,7 @@ pub enum BsdfError {
     /// A control asks for a part that the table does not have.
     #[error(
         "{control}: is {value}, but the table has no {effect} colours{reason}: make it with \
-         `bake-brdf RECIPE -o FILE` from a recipe whose look.{control} is above 0, or set {control} to 0"
+         `bake-brdf RECIPE --effects all -o FILE`, or set {control} to 0"
     )]
     NoSpectra {
         /// Name of the control.

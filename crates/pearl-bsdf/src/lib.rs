@@ -23,7 +23,9 @@ mod colour;
 mod controls;
 mod curve;
 mod facets;
+pub mod measured;
 mod quadrature;
+pub mod round_trip;
 mod tabulated;
 mod warp;
 

@@ -5,6 +5,9 @@
 
 #![allow(clippy::print_stderr, clippy::print_stdout)] // this crate is the terminal
 
+pub use clap_complete::Shell;
+
+use clap::Args;
 use std::io::Write as _;
 use std::process::ExitCode;
 
@@ -66,12 +69,62 @@ pub fn print_json(value: &serde_json::Value) -> Outcome {
     print(&format!("{value:#}\n"))
 }
 
+/// Flags that every command of every tool shares.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct Manners {
+    /// Print one JSON object on stdout instead of text.
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Say nothing on stderr but errors.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// Say more on stderr.
+    #[arg(short, long, global = true)]
+    pub verbose: bool,
+    /// Threads to use [default: one per core].
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub threads: Option<u16>,
+}
+
+impl Manners {
+    /// The threads that were asked for.
+    ///
+    /// # Errors
+    /// The system has none to give.
+    pub fn pool(&self) -> Result<rayon::ThreadPool, Stop> {
+        let threads = self.threads.unwrap_or(0).into();
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(Stop::failure)
+    }
+}
+
+/// Prints the completion script of a tool.
+///
+/// # Errors
+/// As [`print()`].
+pub fn completions<Cli: clap::CommandFactory>(shell: Shell) -> Outcome {
+    let mut command = Cli::command();
+    let tool = command.get_name().to_owned();
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut command, tool, &mut script);
+    print(&String::from_utf8_lossy(&script))
+}
+
+/// Prints the manual page of a tool (roff).
+///
+/// # Errors
+/// As [`print()`].
+pub fn manual<Cli: clap::CommandFactory>() -> Outcome {
+    let mut page = Vec::new();
+    clap_mangen::Man::new(Cli::command()).render(&mut page)?;
+    print(&String::from_utf8_lossy(&page))
+}
+
 /// Runs a tool: parses the command line with clap, calls `run`, maps the outcome to the exit code.
 ///
 /// clap's own usage errors are folded into one line and exit 2; `--help` and `--version` exit 0.
-pub fn main<Args: clap::Parser>(run: impl FnOnce(Args) -> Outcome) -> ExitCode {
-    let tool = Args::command().get_name().to_owned();
-    let args = match Args::try_parse() {
+pub fn main<Cli: clap::Parser>(run: impl FnOnce(Cli) -> Outcome) -> ExitCode {
+    let tool = Cli::command().get_name().to_owned();
+    let args = match Cli::try_parse() {
         Ok(args) => args,
         Err(error) if !error.use_stderr() => {
             return finish(&tool, print(&error.render().to_string()));

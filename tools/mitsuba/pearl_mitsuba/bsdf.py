@@ -186,7 +186,10 @@ def _pearl(base):
             active = active & ((part != _SURFACE) | upward)
             wo = dr.select(part == _BASE, self._cosine_hemisphere(sample2), wo)
             wo = dr.normalize(wo)
-            value, pdf = self._eval_pdf(ctx, si, wo, active)
+            active = active & (wo.z > 0.0)
+            wo = dr.select(active, wo, types.Vector3f(0.0, 0.0, 1.0))
+            pair = Pair.of(polar, Polar.of(wo))
+            value, pdf = self._value_and_density(ctx, si, pair, at, chance, active)
             active = active & (pdf > 0.0)
             record.wo, record.pdf, record.eta = wo, dr.select(active, pdf, 0.0), 1.0
             base = _DIFFUSE if self.shown[_DIFFUSE] else _INCOHERENT
@@ -221,17 +224,20 @@ def _pearl(base):
                 return types.UnpolarizedSpectrum(0.0), types.Float(0.0)
             normal = types.Vector3f(0.0, 0.0, 1.0)
             wi, wo = dr.select(active, wi, normal), dr.select(active, wo, normal)
-            pair = Pair.of(wi, wo)
+            pair = Pair.of(Polar.of(wi), Polar.of(wo))
             at = self.tabulated.incidence(pair.incidence, active)
+            chance = self._chances(ctx, pair.incidence, active)
+            return self._value_and_density(ctx, si, pair, at, chance, active, want_value)
+
+        def _value_and_density(self, ctx, si, pair, at, chance, active, want_value=True):
             exit = self.tabulated.exit(at, pair.exit, pair.y2)
-            pdf = dr.select(active, self._density(ctx, pair, at, exit, active), 0.0)
+            pdf = dr.select(active, self._density(chance, pair, at, exit, active), 0.0)
             if not want_value:
                 return None, pdf
             value = self._shade(ctx, si, pair, at, exit, active)
-            return dr.select(active, value, types.UnpolarizedSpectrum(0.0)), pdf
+            return dr.select(active, value, self.types.UnpolarizedSpectrum(0.0)), pdf
 
-        def _density(self, ctx, pair, at, exit, active):
-            chance = self._chances(ctx, pair.incidence, active)
+        def _density(self, chance, pair, at, exit, active):
             interior, rehit = self.tabulated.pdf(at, exit, active)
             surface = self.facets.pdf(pair.incidence, pair.half)
             total = chance[0] + chance[1] + chance[2] + chance[3]

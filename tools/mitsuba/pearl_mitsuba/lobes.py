@@ -87,8 +87,8 @@ class Pair:
     half: Half
 
     @classmethod
-    def of(cls, wi, wo):
-        i, o = Polar.of(wi), Polar.of(wo)
+    def of(cls, i, o):
+        """Of two polar directions, wi and wo."""
         # From the vectors themselves: at grazing incidence the rounding of unit azimuths would tilt the half vector.
         (ix, iy), (ox, oy), scale = i.plane, o.plane, i.inverse_radius * o.inverse_radius
         sin_phi = scale * _difference_of_products(ix, oy, iy, ox)

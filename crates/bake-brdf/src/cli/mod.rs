@@ -3,12 +3,13 @@
 mod bake;
 mod manners;
 mod plan;
+mod reproduce;
 mod scene;
 mod study;
 mod terms;
 mod why_not;
 
-use clap::{Args, CommandFactory as _, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 use terminal::Outcome;
 
 /// Bakes a pearl: walks light through 500 layers of nacre and writes the table of where it goes.
@@ -21,6 +22,7 @@ use terminal::Outcome;
   bake-brdf --paths 1000000 --seed 7 --json  a million paths per incidence, report as JSON
   bake-brdf --incident-deg 0:90:10,45        a few incidences
   bake-brdf --dry-run --accuracy 0.1         what would that cost?
+  bake-brdf --reproduce pearl.exr            bake it again from its metadata: the same bits?
   bake-brdf plan akoya.json                  which effects it calls for, why, and what they cost
   bake-brdf plan --scene ring.xml            the same for every pearl of a Mitsuba scene
   bake-brdf --scene ring.xml -o out          bakes those tables, and a copy of the scene that uses them
@@ -32,24 +34,7 @@ pub(crate) struct Cli {
     #[command(flatten)]
     bake: bake::BakeArgs,
     #[command(flatten)]
-    manners: Manners,
-}
-
-/// Flags that every command shares.
-#[derive(Args, Clone, Debug)]
-struct Manners {
-    /// Print one JSON object on stdout instead of text.
-    #[arg(long, global = true)]
-    json: bool,
-    /// Say nothing on stderr but errors.
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
-    quiet: bool,
-    /// Say more on stderr.
-    #[arg(short, long, global = true)]
-    verbose: bool,
-    /// Threads to use [default: one per core].
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
-    threads: Option<u16>,
+    manners: terminal::Manners,
 }
 
 #[derive(Debug, Subcommand)]
@@ -65,16 +50,10 @@ enum Command {
     /// Print a shell completion script.
     Completions {
         /// bash, elvish, fish, powershell or zsh.
-        shell: clap_complete::Shell,
+        shell: terminal::Shell,
     },
     /// Print the manual page (roff).
     Man,
-}
-
-/// The threads that were asked for.
-fn pool(manners: &Manners) -> Result<rayon::ThreadPool, terminal::Stop> {
-    let threads = manners.threads.unwrap_or(0).into();
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(terminal::Stop::failure)
 }
 
 /// Runs the tool.
@@ -86,15 +65,7 @@ pub(crate) fn run(cli: Cli) -> Outcome {
         Some(Command::Plan(args)) => plan::run(&args, &manners),
         Some(Command::Study(args)) => study::run(&args, &manners),
         Some(Command::Schema) => terminal::print_json(&bake_brdf::recipe::Recipe::json_schema()),
-        Some(Command::Completions { shell }) => {
-            let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), "bake-brdf", &mut script);
-            terminal::print(&String::from_utf8_lossy(&script))
-        }
-        Some(Command::Man) => {
-            let mut page = Vec::new();
-            clap_mangen::Man::new(Cli::command()).render(&mut page)?;
-            terminal::print(&String::from_utf8_lossy(&page))
-        }
+        Some(Command::Completions { shell }) => terminal::completions::<Cli>(shell),
+        Some(Command::Man) => terminal::manual::<Cli>(),
     }
 }

@@ -1,14 +1,15 @@
 //! `bake-brdf plan`.
 
 use super::bake::stop;
+use super::manners;
 use super::terms::{TermsArgs, recipe};
-use super::{Manners, manners};
 use bake_brdf::bake::SolverChoice;
 use bake_brdf::plan::{Plan, PlanError, PlannedPearl};
 use bake_brdf::scene::{Scene, Variant};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use terminal::Manners;
 use terminal::{Outcome, Stop};
 
 #[derive(clap::Args, Clone, Debug)]
@@ -48,7 +49,7 @@ impl SceneArgs {
 
 /// Runs the command.
 pub(crate) fn run(args: &PlanArgs, manners: &Manners) -> Outcome {
-    let pool = super::pool(manners)?;
+    let pool = manners.pool()?;
     let (plan, terms) = match &args.scene.scene {
         Some(path) => {
             let scene = args.scene.read(path)?;

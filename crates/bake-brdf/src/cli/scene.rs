@@ -1,16 +1,17 @@
 //! `bake-brdf --scene`: bakes the tables that a scene calls for, and a copy of the scene that points at them.
 
-use super::bake::{Kept, bake_to, writable};
+use super::bake::{CHECKPOINT_EVERY_SECONDS, Kept, bake_to, writable};
+use super::manners;
 use super::plan::{SceneArgs, refuse, report, solver_name};
 use super::terms::TermsArgs;
-use super::{Manners, manners};
 use bake_brdf::bake::{SolverChoice, Target, content_hash};
 use bake_brdf::plan::{Plan, PlannedTable};
 use bake_brdf::scene::{Baked, Scene};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
+use terminal::Manners;
 use terminal::{Outcome, Stop};
 
 /// A table on disk.
@@ -34,7 +35,7 @@ pub(crate) fn run(
     let started = Instant::now();
     let scene = scene_args.read(path)?;
     let terms = terms.terms(Some(SolverChoice::Auto))?;
-    let pool = super::pool(manners)?;
+    let pool = manners.pool()?;
     let plan = pool.install(|| Plan::of_scene(&scene, &terms)).map_err(refuse)?;
     if dry_run {
         return print(&plan, &[], None, started.elapsed().as_secs_f64(), manners);
@@ -112,7 +113,11 @@ fn bake(table: &PlannedTable, folder: &Path, name: String, manners: &Manners) ->
     let reused = !timed && path.is_file() && stored_hash(&path) == Some(hash);
     if !reused {
         writable(&path)?;
-        let kept = Kept { from_the_start: false, resume: false };
+        let kept = Kept {
+            from_the_start: false,
+            every: Duration::from_secs_f64(CHECKPOINT_EVERY_SECONDS),
+            resume: false,
+        };
         bake_to(&table.request, table.solver, &path, kept, manners)?;
     }
     let bytes = std::fs::metadata(&path).map_or(0, |data| data.len());

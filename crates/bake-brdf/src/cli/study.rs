@@ -1,6 +1,6 @@
 //! `bake-brdf study`: runs the study, writes `study.json`, `study.csv`, `study.svg`, `study.png`.
 
-use super::{Manners, manners};
+use super::manners;
 use bake_brdf::bake;
 use bake_brdf::recipe::{self, AzimuthMode, Recipe};
 use bake_brdf::study::{self, Contender, Point, Study};
@@ -12,6 +12,7 @@ use kuva::render::plots::Plot;
 use kuva::render::render::{Scene, render_multiple};
 use std::fmt::Write as _;
 use std::path::PathBuf;
+use terminal::Manners;
 use terminal::{Outcome, Stop};
 
 #[derive(clap::Args, Clone, Debug)]

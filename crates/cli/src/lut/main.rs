@@ -2,12 +2,13 @@
 
 mod check;
 mod diff;
+mod export;
 mod info;
 mod merge;
 mod plot;
 mod slice;
 
-use clap::{Args, CommandFactory as _, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 use lut_io::lobe::Interpolant;
 use lut_io::{LutError, Table, exr_file};
 use std::path::{Path, PathBuf};
@@ -23,7 +24,9 @@ use terminal::{Outcome, Stop};
   lut slice pearl.exr --theta-i 30 --phi 0 --csv     the lobe in the plane of incidence
   lut plot pearl.exr -o figures                      Figs. 6, 7 and 10 of the paper, SVG and PNG
   lut diff pearl.exr other.exr                       exit 3 if they differ by more than their errors
-  lut check pearl.exr                                exit 3 if something that must hold does not")]
+  lut export pearl.exr --to bsdf-rgb -o pearl.bsdf   for Mitsuba's `measured` and pbrt-v4; says its own error
+  lut check pearl.exr                                exit 3 if something that must hold does not
+  lut check pearl.exr --against other_seed.exr       and are its error bars honest?")]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -57,12 +60,14 @@ enum Command {
     Diff(diff::DiffArgs),
     /// Try on a table what must hold of every table; exit 3 if something does not.
     Check(check::CheckArgs),
+    /// Write the table, with the look of its recipe, for other programs; prints the error of the round trip.
+    Export(export::ExportArgs),
     /// Make the table of a bake that was walked in shards, bit for bit that of one bake.
     Merge(merge::MergeArgs),
     /// Print a shell completion script.
     Completions {
         /// bash, elvish, fish, powershell or zsh.
-        shell: clap_complete::Shell,
+        shell: terminal::Shell,
     },
     /// Print the manual page (roff).
     Man,
@@ -79,17 +84,10 @@ fn run(cli: Cli) -> Outcome {
         Command::Plot(args) => plot::run(&args, cli.manners),
         Command::Diff(args) => diff::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Merge(args) => merge::run(&args),
-        Command::Completions { shell } => {
-            let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), "lut", &mut script);
-            terminal::print(&String::from_utf8_lossy(&script))
-        }
-        Command::Man => {
-            let mut page = Vec::new();
-            clap_mangen::Man::new(Cli::command()).render(&mut page)?;
-            terminal::print(&String::from_utf8_lossy(&page))
-        }
+        Command::Completions { shell } => terminal::completions::<Cli>(shell),
+        Command::Man => terminal::manual::<Cli>(),
     }
 }
 

@@ -18,24 +18,7 @@ pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
     #[command(flatten)]
-    pub(crate) manners: Manners,
-}
-
-/// Flags that every command shares.
-#[derive(Args, Clone, Debug)]
-pub(crate) struct Manners {
-    /// Print one JSON object on stdout instead of text (furnace, preview).
-    #[arg(long, global = true)]
-    pub(crate) json: bool,
-    /// Say nothing on stderr but errors.
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
-    pub(crate) quiet: bool,
-    /// Say more on stderr.
-    #[arg(short, long, global = true)]
-    pub(crate) verbose: bool,
-    /// Threads to use [default: one per core].
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
-    pub(crate) threads: Option<u16>,
+    pub(crate) manners: terminal::Manners,
 }
 
 #[derive(Debug, Subcommand)]
@@ -51,7 +34,7 @@ pub(crate) enum Command {
     /// Print a shell completion script.
     Completions {
         /// bash, elvish, fish, powershell or zsh.
-        shell: clap_complete::Shell,
+        shell: terminal::Shell,
     },
     /// Print the manual page (roff).
     Man,

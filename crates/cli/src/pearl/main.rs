@@ -6,7 +6,6 @@ mod furnace;
 mod preview;
 
 use args::{Cli, Command};
-use clap::CommandFactory as _;
 use terminal::{Outcome, Stop};
 
 fn main() -> std::process::ExitCode {
@@ -25,15 +24,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Sample(args) => directions::sample(&args),
         Command::Furnace(args) => furnace::run(&args, cli.manners.json),
         Command::Preview(args) => preview::run(&args, &cli.manners),
-        Command::Completions { shell } => {
-            let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), "pearl", &mut script);
-            terminal::print(&String::from_utf8_lossy(&script))
-        }
-        Command::Man => {
-            let mut page = Vec::new();
-            clap_mangen::Man::new(Cli::command()).render(&mut page)?;
-            terminal::print(&String::from_utf8_lossy(&page))
-        }
+        Command::Completions { shell } => terminal::completions::<Cli>(shell),
+        Command::Man => terminal::manual::<Cli>(),
     }
 }

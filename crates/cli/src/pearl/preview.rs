@@ -5,13 +5,14 @@ mod light;
 mod scene;
 mod vector;
 
-use crate::args::{Manners, PreviewArgs};
+use crate::args::PreviewArgs;
 use image::Picture;
 use light::{Lighting, Studio};
 use pearl_bsdf::PearlBsdf;
 use rayon::prelude::*;
 use scene::{Shape, Surface};
 use serde_json::json;
+use terminal::Manners;
 use terminal::{Outcome, Stop};
 
 /// What a picture shows: the paper's Fig. 4.

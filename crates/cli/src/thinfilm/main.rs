@@ -6,10 +6,10 @@ mod spectrum;
 mod swatch;
 mod verify;
 
-use clap::{CommandFactory as _, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use terminal::{Outcome, Stop};
+use terminal::Outcome;
 
 /// Interference in multilayers: spectra and colours of a recipe's stack.
 #[derive(Debug, Parser)]
@@ -23,18 +23,8 @@ use terminal::{Outcome, Stop};
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Print one JSON object on stdout instead of text.
-    #[arg(long, global = true)]
-    json: bool,
-    /// Say nothing on stderr but errors.
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
-    quiet: bool,
-    /// Say more on stderr.
-    #[arg(short, long, global = true)]
-    verbose: bool,
-    /// Threads to use [default: one per core].
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
-    threads: Option<u16>,
+    #[command(flatten)]
+    manners: terminal::Manners,
 }
 
 #[derive(Debug, Subcommand)]
@@ -53,7 +43,7 @@ enum Command {
     /// Print a shell completion script.
     Completions {
         /// bash, elvish, fish, powershell or zsh.
-        shell: clap_complete::Shell,
+        shell: terminal::Shell,
     },
     /// Print the manual page (roff).
     Man,
@@ -64,22 +54,14 @@ fn main() -> ExitCode {
 }
 
 fn run(cli: Cli) -> Outcome {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(cli.threads.unwrap_or(0).into()).build();
-    pool.map_err(Stop::failure)?.install(|| match &cli.command {
-        Command::Spectrum(args) => spectrum::spectrum(args, cli.json),
-        Command::Colour(args) => colour::colours(args, cli.json, cli.quiet),
-        Command::Swatch(args) => swatch::swatch(args, cli.quiet),
-        Command::Verify { cases } => verify::verify(cases, cli.json),
-        Command::Completions { shell } => {
-            let mut script = Vec::new();
-            clap_complete::generate(*shell, &mut Cli::command(), "thinfilm", &mut script);
-            terminal::print(&String::from_utf8_lossy(&script))
-        }
-        Command::Man => {
-            let mut page = Vec::new();
-            clap_mangen::Man::new(Cli::command()).render(&mut page)?;
-            terminal::print(&String::from_utf8_lossy(&page))
-        }
+    let terminal::Manners { json, quiet, .. } = cli.manners;
+    cli.manners.pool()?.install(|| match &cli.command {
+        Command::Spectrum(args) => spectrum::spectrum(args, json),
+        Command::Colour(args) => colour::colours(args, json, quiet),
+        Command::Swatch(args) => swatch::swatch(args, quiet),
+        Command::Verify { cases } => verify::verify(cases, json),
+        Command::Completions { shell } => terminal::completions::<Cli>(*shell),
+        Command::Man => terminal::manual::<Cli>(),
     })
 }
 

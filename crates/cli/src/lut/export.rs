@@ -1,0 +1,165 @@
+//! `lut export`: a table in formats of other programs, with the error of the round trip.
+
+use crate::read;
+use clap::Args;
+use lut_io::merl::Merl;
+use lut_io::tensor_file;
+use pearl_bsdf::measured::{self, Channels, Reader};
+use pearl_bsdf::round_trip::{self, RoundTrip};
+use pearl_bsdf::{Controls, Direction, PearlBsdf};
+use serde_json::json;
+use std::path::PathBuf;
+use terminal::{Outcome, Stop};
+
+/// Bands of the table that go into one wavelength of a spectral file.
+const BANDS_PER_WAVELENGTH: usize = 2;
+/// Wavelengths of a spectral file of a table without interference colours, nm: flat in between.
+const PLAIN_NM: [f64; 5] = [400.0, 480.0, 560.0, 640.0, 720.0];
+/// Wavelengths that a spectral file is compared at: of its own. Between them the file is linear where a table of 5 nm bands may
+/// have a narrow stop band; that is not in the figure.
+const COMPARED: usize = 8;
+
+#[derive(Args, Debug)]
+pub(crate) struct ExportArgs {
+    #[command(flatten)]
+    file: super::FileArg,
+    /// Format: bsdf-rgb and bsdf-spectral for Mitsuba's `measured` and pbrt-v4, merl for the MERL database's readers.
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    to: Format,
+    /// File to write.
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Print one JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum Format {
+    /// Tensor file (.bsdf) for RGB renderers.
+    BsdfRgb,
+    /// Tensor file (.bsdf) for spectral renderers.
+    BsdfSpectral,
+    /// MERL .binary; made reciprocal, as the format demands.
+    Merl,
+}
+
+impl Format {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::BsdfRgb => "bsdf-rgb",
+            Self::BsdfSpectral => "bsdf-spectral",
+            Self::Merl => "merl",
+        }
+    }
+}
+
+/// Writes the table with the look of its recipe, and says how far what was written is from the table.
+pub(crate) fn run(args: &ExportArgs) -> Outcome {
+    let path = &args.file.file;
+    let table = read(path)?;
+    let controls = Controls::of(&table.meta);
+    let name = table.meta.recipe.get("name").and_then(|name| name.as_str()).unwrap_or("pearl").to_owned();
+    let bsdf = PearlBsdf::from_table(table, controls)
+        .map_err(|error| Stop::bad_input(format!("{}: {error}", path.display())))?;
+    let (bytes, errors) = match args.to {
+        Format::BsdfRgb => tensor(&bsdf, &Channels::Rgb, &name)?,
+        Format::BsdfSpectral => tensor(&bsdf, &Channels::Spectral(wavelengths(&bsdf)), &name)?,
+        Format::Merl => merl(&bsdf)?,
+    };
+    lut_io::atomic::write(&args.output, &bytes)
+        .map_err(|why| Stop::failure(format!("{}: {why}", args.output.display())))?;
+    if args.json {
+        return terminal::print_json(&report(args, bytes.len(), &errors));
+    }
+    terminal::print(&text(args, bytes.len(), &errors))
+}
+
+fn wavelengths(bsdf: &PearlBsdf) -> Vec<f64> {
+    let centres = bsdf.band_centres_nm();
+    if centres.is_empty() {
+        return PLAIN_NM.to_vec();
+    }
+    let mean = |group: &[f64]| group.iter().sum::<f64>() / group.len() as f64;
+    centres.chunks(BANDS_PER_WAVELENGTH).map(mean).collect()
+}
+
+type Written = (Vec<u8>, Vec<RoundTrip>);
+
+fn tensor(bsdf: &PearlBsdf, channels: &Channels, name: &str) -> Result<Written, Stop> {
+    let description = format!("{name}, exported by nacre");
+    let bytes =
+        tensor_file::encode(&measured::fields(bsdf, channels, &description)).map_err(Stop::failure)?;
+    // What is compared is what was written.
+    let reader = Reader::new(&tensor_file::decode(&bytes).map_err(Stop::failure)?).map_err(Stop::failure)?;
+    let errors = match channels {
+        Channels::Rgb => round_trip::measure(
+            bsdf,
+            |wi, wo| bsdf.eval_seen(wi, wo).rgb().to_vec(),
+            |wi, wo| reader.eval(wi, wo),
+        ),
+        Channels::Spectral(nm) => {
+            let chosen: Vec<usize> = (0..nm.len()).step_by(nm.len().div_ceil(COMPARED)).collect();
+            let truth = |wi: Direction, wo: Direction| {
+                chosen.iter().map(|c| bsdf.eval_seen_at(wi, wo, nm[*c]).iter().sum()).collect()
+            };
+            let file = |wi: Direction, wo: Direction| {
+                let values = reader.eval(wi, wo);
+                chosen.iter().map(|c| values[*c]).collect()
+            };
+            round_trip::measure(bsdf, truth, file)
+        }
+    };
+    Ok((bytes, errors))
+}
+
+fn merl(bsdf: &PearlBsdf) -> Result<Written, Stop> {
+    let merl = Merl::tabulate(|wi, wo| {
+        let (there, back) = (bsdf.eval_seen(wi, wo).rgb(), bsdf.eval_seen(wo, wi).rgb());
+        std::array::from_fn(|c| 0.5 * (there[c] / wo[2] + back[c] / wi[2]))
+    });
+    let bytes = merl.encode();
+    let merl = Merl::decode(&bytes).map_err(Stop::failure)?;
+    let errors = round_trip::measure(
+        bsdf,
+        |wi, wo| bsdf.eval_seen(wi, wo).rgb().to_vec(),
+        |wi, wo| merl.eval(wi, wo).map_or([0.0; 3], |rgb| rgb.map(|x| x * wo[2])).to_vec(),
+    );
+    Ok((bytes, errors))
+}
+
+fn worst(errors: &[RoundTrip]) -> f64 {
+    errors.iter().map(|error| error.error_percent).fold(0.0, f64::max)
+}
+
+fn report(args: &ExportArgs, bytes: usize, errors: &[RoundTrip]) -> serde_json::Value {
+    let rows = errors.iter().map(|error| {
+        json!({
+            "theta_i_deg": error.theta_i_deg,
+            "error_percent": error.error_percent,
+            "bias_percent": error.bias_percent,
+        })
+    });
+    json!({
+        "schema": "lut-export/1",
+        "format": args.to.name(),
+        "output": args.output.display().to_string(),
+        "bytes": bytes,
+        "round_trip": { "worst_percent": worst(errors), "per_incidence": rows.collect::<Vec<_>>() },
+    })
+}
+
+fn text(args: &ExportArgs, bytes: usize, errors: &[RoundTrip]) -> String {
+    let mut text = format!(
+        "written: {} ({}, {:.1} MB)\n\nround trip: what the file says against the table, per cent of the reflected light\n   \
+         θi   |difference|   surplus\n",
+        args.output.display(),
+        args.to.name(),
+        bytes as f64 / 1e6,
+    );
+    for error in errors {
+        let RoundTrip { theta_i_deg, error_percent, bias_percent } = error;
+        text.push_str(&format!("{theta_i_deg:>5}°        {error_percent:>6.2}    {bias_percent:>+6.2}\n"));
+    }
+    text
+}
