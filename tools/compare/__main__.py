@@ -28,10 +28,10 @@ sys.path[:0] = [str(ROOT / "tools" / "mitsuba"), str(pathlib.Path(__file__).reso
 
 SCHEMA = "pearl-compare/1"
 #: The tables that are compared: what is baked, and the look of the recipe. The second has no interference colours, for
-#: the walk; its body is grey, as the tools see such a table in grey at single wavelengths.
+#: the walk; its body is dark, so that the lobes show, and grey, as the tools see such a table in grey at single wavelengths.
 CASES = {
     "pearl": ([], {"depth": 0.5, "coherence": 0.5, "body_rgb": [0.8, 0.78, 0.75]}),
-    "lobes": (["--azimuth", "walk"], {"depth": 0.0, "coherence": 0.0, "body_rgb": [0.8, 0.8, 0.8]}),
+    "lobes": (["--azimuth", "walk"], {"depth": 0.0, "coherence": 0.0, "body_rgb": [0.1, 0.1, 0.1]}),
 }
 #: Wavelengths of spectral pictures, nm: where the body's spectrum is flat over neighbouring bands.
 BANDS = [450.0, 520.0, 550.0, 640.0]

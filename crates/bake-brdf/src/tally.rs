@@ -5,6 +5,7 @@
 //! number of threads, order of chunks, resume or shard. Angles come from the `libm` crate, not from the system, whose
 //! last bits differ from machine to machine.
 
+use crate::bake::sampling::MAX_PATHS;
 use lut_io::axis::{ExitAxis, Stretched};
 use lut_io::table::{Component, IncidenceSummary, SummaryErrors};
 use serde::{Deserialize, Serialize};
@@ -193,6 +194,43 @@ impl Tally {
         for (a, b) in self.cells.iter_mut().zip(&other.cells) {
             a.add(b);
         }
+    }
+
+    /// Whether the sums can be those of paths: each path has one fate and at most weight 1, cells add up to the fates
+    /// they are parts of, and powers of angles stay below what π allows. A tally from a file need not be.
+    #[must_use]
+    pub fn is_consistent(&self) -> bool {
+        let possible = |share: &Share| {
+            // Weights are at most 1, and the square of a weight at most the weight.
+            u128::from(share.weight) <= u128::from(share.count) << 30 && share.weight_squared <= share.weight
+        };
+        let count: u128 = self.fates.iter().map(|share| u128::from(share.count)).sum();
+        let parts = [Fate::Single, Fate::Rehit, Fate::Interior].into_iter().enumerate();
+        let cells_add_up = self.cells() > 0
+            && parts.into_iter().all(|(component, fate)| {
+                let cells = &self.cells[component * self.cells()..(component + 1) * self.cells()];
+                let sum =
+                    |part: fn(&Share) -> u64| cells.iter().map(|share| u128::from(part(share))).sum::<u128>();
+                let fate = self.fate(fate);
+                sum(|share| share.count) == u128::from(fate.count)
+                    && sum(|share| share.weight) == u128::from(fate.weight)
+                    && sum(|share| share.weight_squared) == u128::from(fate.weight_squared)
+            });
+        // 4 > π bounds |x|, and a path's share of a sum.
+        let bounded = |sums: &[i128]| {
+            sums.iter().zip(0..).all(|(sum, power)| {
+                let most = (u128::from(self.paths) << (2 * power + 1)).checked_shl(79).unwrap_or(u128::MAX);
+                sum.unsigned_abs() <= most
+            })
+        };
+        self.cells.len().is_multiple_of(COMPONENTS)
+            && self.paths <= MAX_PATHS
+            && count == u128::from(self.paths)
+            && self.crossings <= self.paths.saturating_mul(u64::from(u32::MAX))
+            && self.fates.iter().chain(&self.cells).all(possible)
+            && cells_add_up
+            && bounded(&self.weighted_powers)
+            && bounded(&self.squared_powers)
     }
 
     fn fate(&self, fate: Fate) -> Share {

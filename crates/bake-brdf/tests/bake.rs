@@ -211,6 +211,10 @@ fn bad_input_is_one_line_and_exit_2_and_harms_nothing() {
         &["--event-cap", "0"],
         &["--threads", "0"],
         &["--frobnicate"],
+        &["--reproduce", "garbage.json"],
+        &["--reproduce", "missing.exr"],
+        &["--reproduce", "pearl.exr", "--seed", "3"],
+        &["--checkpoint-every", "0"],
         &["--seed", "x"],
     ] {
         assert_refused(folder.path(), args);
@@ -371,6 +375,32 @@ fn a_checkpoint_of_another_bake_is_refused() {
     let line = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2), "{line}");
     assert!(line.contains("pearl.exr.checkpoint: belongs to another bake"), "{line}");
+}
+
+#[test]
+fn a_table_is_reproduced_bit_for_bit_from_its_metadata_and_a_changed_one_is_not() {
+    for args in [
+        &["--paths", "9000"][..],
+        &["--accuracy", "5"],
+        &["--time-budget", "0.3", "--azimuth", "walk"],
+        &["--solver", "doubling", "--accuracy", "1"],
+        &["--effects", "surface", "--paths", "9000"],
+        &["--effects", "body"],
+    ] {
+        let folder = folder();
+        let mut table = bake(folder.path(), &[args, &["--incident-deg", "0,30,80", "--seed", "9"]].concat());
+        let same = tool(folder.path(), &["--reproduce", "pearl.exr", "--json"]);
+        let report: serde_json::Value = serde_json::from_slice(&same.stdout).unwrap();
+        assert_eq!(same.status.code(), Some(0), "{args:?}: {report:#}");
+        assert_eq!((&report["identical"], &report["same_bytes"]), (&true.into(), &true.into()), "{args:?}");
+        let cell = table.interior.value.len() / 2;
+        table.interior.value[cell] = table.interior.value[cell].next_up();
+        exr_file::write(&table, &folder.path().join("pearl.exr")).unwrap();
+        let other = tool(folder.path(), &["--reproduce", "pearl.exr"]);
+        let line = String::from_utf8_lossy(&other.stderr).into_owned();
+        assert_eq!(other.status.code(), Some(3), "{args:?}: {line}");
+        assert!(line.contains("channel interior, 1 of"), "{args:?}: {line}");
+    }
 }
 
 #[test]

@@ -293,6 +293,57 @@ fn each_check_finds_the_fault_it_is_for() {
     broken(&|t| t.interior.value.iter_mut().for_each(|v| *v *= 1.002), "integral");
     broken(&|t| t.interior.value[20] *= 1.01, "azimuth");
     broken(&|t| t.surface.count[100] = 2e6, "counts");
+    broken(&|t| t.interior.std_error.iter_mut().for_each(|e| *e *= 0.9), "error_bars");
+    // One cell of the lobe's flank, 60 % too high.
+    broken(&|t| t.interior.value[3 * 64 + 40] *= 1.6, "smoothness");
+}
+
+#[test]
+fn honest_errors_pass_against_another_seed_and_dishonest_ones_do_not() {
+    let table = specimen::plane(&[15.0, 30.0, 45.0, 60.0, 75.0], 64);
+    let mut other = noisy(&table, 0.0);
+    other.meta.seed += 1;
+    for summary in &mut other.meta.per_incidence {
+        // One standard error of the difference.
+        summary.albedo += 2f64.sqrt() * summary.std_error.albedo;
+        summary.mean_theta_o_deg -= 2f64.sqrt() * summary.std_error.mean_theta_o_deg;
+    }
+    let against = |a: &Table, b: &Table| {
+        lut(&["check", "--json", "--against", file(b).path.to_str().unwrap()], &file(a).path)
+    };
+    let report = |output: &Output| -> Value { serde_json::from_slice(&output.stdout).unwrap() };
+    let honest = report(&against(&table, &other));
+    let interior = &honest["honesty"][0];
+    assert_eq!(interior["of"], "interior");
+    assert!(
+        interior["count"].as_u64().unwrap() > 100 && interior["p"].as_f64().unwrap() > 1e-3,
+        "{honest:#}"
+    );
+    // Errors a quarter too small, or too large.
+    for factor in [0.75, 1.25] {
+        let mut boastful = other.clone();
+        boastful.interior.std_error.iter_mut().for_each(|error| *error *= factor);
+        let mut ours = table.clone();
+        ours.interior.std_error.iter_mut().for_each(|error| *error *= factor);
+        let output = against(&ours, &boastful);
+        assert_eq!(output.status.code(), Some(3));
+        assert!(String::from_utf8_lossy(&output.stderr).contains("honesty"), "{:#}", report(&output));
+    }
+    let seed = &table.clone();
+    refused(&against(&table, seed), 2, &["seed", "is the same"]);
+    let mut recipe = other.clone();
+    recipe.meta.recipe["name"] = "another".into();
+    refused(&against(&table, &recipe), 2, &["recipe", "differs"]);
+}
+
+#[test]
+fn a_check_says_where_a_table_comes_from() {
+    let file = file(&plane());
+    let report = json(&lut(&["check", "--json"], &file.path));
+    let command = format!("bake-brdf --reproduce {}", file.path.display());
+    assert_eq!(report["provenance"]["reproduce"], command);
+    assert_eq!(report["provenance"]["seed"], 7);
+    assert!(stdout(&lut(&["check"], &file.path)).contains(&command));
 }
 
 #[test]

@@ -215,7 +215,7 @@ fn lobes(a: &Table, b: &Table, i: usize, j: usize) -> Vec<LobeDifference> {
 }
 
 /// Cells that carry their own counts: at θi = 0 the bake stores each side (or each azimuth) as their common mean.
-fn independent_cells(table: &Table, i: usize) -> std::ops::Range<usize> {
+pub(crate) fn independent_cells(table: &Table, i: usize) -> std::ops::Range<usize> {
     let cells = table.meta.exit_axis.cells();
     if table.meta.per_incidence[i].theta_i_deg != 0.0 {
         return 0..cells;

@@ -38,12 +38,15 @@ pub(super) fn walk_table(
             noise: tally.total_variation_error(),
         });
     let crossings: u64 = sampling.tallies().iter().map(|tally| tally.crossings).sum();
-    let settings = settings([
+    let mut settings = settings([
         ("estimator", "analog".into()),
         ("precision", sampling.precision().into()),
         ("event_cap", request.event_cap.into()),
         ("crossings", crossings.into()),
     ]);
+    if let Target::Time(budget) = request.target {
+        settings.insert("time_budget_seconds".to_owned(), budget.as_secs_f64().into());
+    }
     let halfway = |rows: &[Row]| {
         halfway::beside_walk(
             &request.recipe,
@@ -72,7 +75,9 @@ pub(super) fn doubling_table(
             let summary = doubling_summary(solution, i, request.incident_deg[i]);
             // The estimate is a total variation: spread over the cells in proportion to their light.
             let relative = 2.0 * summary.accuracy_percent / 100.0;
-            let components = cell_shares(axis, solution, i).map(|share| CellShares {
+            let mut shares = cell_shares(axis, solution, i);
+            restore_single(&mut shares, summary.surface - summary.rehit);
+            let components = shares.map(|share| CellShares {
                 std_error: share.iter().map(|share| relative * share).collect(),
                 count: vec![0; share.len()],
                 share,
@@ -222,6 +227,17 @@ pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize
     let single = rule.shares(&solution.single(incidence, &basis));
     let surface = single.iter().zip(&rehit).map(|(single, rehit)| single + rehit).collect();
     [interior, surface, rehit]
+}
+
+/// Scales the single reflection to its known share. At θi = 90° its ridge in φ (2pq for slopes p, q) is narrower than any
+/// cell near the horizon, and the rule within cells misses 3 % of it.
+fn restore_single([_, surface, rehit]: &mut [Vec<f64>; 3], known: f64) {
+    let integrated: f64 = surface.iter().zip(&*rehit).map(|(surface, rehit)| surface - rehit).sum();
+    if integrated > 0.0 {
+        for (surface, rehit) in surface.iter_mut().zip(rehit) {
+            *surface = *rehit + (*surface - *rehit) * known / integrated;
+        }
+    }
 }
 
 /// Points and weights of a Gauss rule repeated in every cell of an axis.

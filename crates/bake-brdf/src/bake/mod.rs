@@ -3,6 +3,7 @@
 pub(crate) mod assemble;
 mod choice;
 mod halfway;
+pub mod reproduce;
 pub mod sampling;
 mod second_side;
 pub mod snapshot;
@@ -282,7 +283,9 @@ pub fn content_hash(request: &Request, solver: SolverChoice) -> String {
     use sha2::Digest as _;
     // Without a lobe neither incidences nor accuracy nor seed matter.
     let lobe = request.effects.has_lobe().then(|| {
-        let walk = (request.seed, request.event_cap, request.precision);
+        // 32 bits asked for or chosen are the same bits.
+        let precision = request.transport().map(|transport| request.precision.resolve(&transport)).ok();
+        let walk = (request.seed, request.event_cap, precision);
         let walk = (solver != SolverChoice::Doubling).then_some(walk);
         (solver, &request.incident_deg, request.target, walk)
     });

@@ -19,6 +19,8 @@ const PILOT: u64 = 2 * CHUNK;
 /// Incidences and paths of an estimate that must cost next to nothing.
 const SCOUTS: usize = 5;
 const SCOUT_PATHS: u64 = 1024;
+/// Longest time between two states that can be kept or stopped at.
+const LONGEST_SLICE: Duration = Duration::from_millis(500);
 /// Most paths per incidence: fixed-point sums have room for 1.7·10¹⁰.
 pub const MAX_PATHS: u64 = 10_000_000_000;
 /// A bake is sized so that its error bound is this share of what was asked for; the rest is left for the pilot's
@@ -165,6 +167,14 @@ impl Sampling {
         let targets = vec![paths; self.theta_i.len()];
         (observer.forecast)(self.seconds_to(&targets));
         self.walk_to(&targets, observer)
+    }
+
+    /// Walks every incidence up to its own number of paths.
+    ///
+    /// # Errors
+    /// The observer asked to stop.
+    pub fn walk_to_each(&mut self, paths: &[u64], observer: &Observer<'_>) -> Result<(), BakeError> {
+        self.walk_to(paths, observer)
     }
 
     /// Walks until the bound on the total variation of every incidence is at most `accuracy` (a share).
@@ -315,8 +325,9 @@ impl Sampling {
         let expected = self.crossings() as f64 + self.crossings_to(targets);
         let mut kept = Instant::now();
         let mut left = tasks.as_slice();
+        let due = observer.checkpoint.as_ref().map_or(LONGEST_SLICE, |checkpoint| checkpoint.every);
         while !left.is_empty() {
-            let (slice, rest) = left.split_at(left.len().min(self.tasks_per_slice()));
+            let (slice, rest) = left.split_at(left.len().min(self.tasks_per_slice(due.min(LONGEST_SLICE))));
             self.walk_slice(slice, expected, observer)?;
             left = rest;
             if let Some(checkpoint) = &observer.checkpoint
@@ -332,13 +343,14 @@ impl Sampling {
         Ok(())
     }
 
-    /// About half a second's worth of blocks; a few for every thread, so that none waits long at the end of a slice.
-    fn tasks_per_slice(&self) -> usize {
+    /// About `time`'s worth of blocks; a few for every thread, so that none waits long at the end of a slice.
+    fn tasks_per_slice(&self, time: Duration) -> usize {
         let paths: u64 = self.state.tallies.iter().map(|tally| tally.paths).sum();
         let walked = self.crossings().saturating_sub(self.before.1) as f64;
         let paths_per_second =
             paths as f64 * walked / self.crossings().max(1) as f64 / self.started.elapsed().as_secs_f64();
-        ((0.5 * paths_per_second / BLOCK as f64) as usize).max(8 * rayon::current_num_threads())
+        ((time.as_secs_f64() * paths_per_second / BLOCK as f64) as usize)
+            .max(8 * rayon::current_num_threads())
     }
 
     /// Walks a slice of tasks whole; if it is interrupted the state stays as it was before the slice.

@@ -4,9 +4,10 @@
 //! postcard encoding. Sums are integers, so a bake that goes on from a snapshot, or shards that are merged, give
 //! the same bits as one uninterrupted bake.
 
-use super::sampling::{Sampling, Shard, State};
+use super::sampling::{self, Sampling, Shard, State};
 use super::{BakeError, Observer, Request, Target, assemble};
 use crate::effects::Effect;
+use crate::tally::Tally;
 use lut_io::table::Table;
 use serde::{Deserialize, Serialize};
 use std::io;
@@ -16,6 +17,8 @@ use transport::walk::lanes::Precision;
 const MAGIC: &[u8] = b"nacre-state/1\n";
 /// Longest snapshot that is read, bytes.
 const MAX_BYTES: u64 = 1 << 32;
+/// Most shards of a bake.
+pub const MOST_SHARDS: u32 = 100_000;
 
 /// The state of a bake, whole or one shard of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -161,10 +164,34 @@ impl Snapshot {
             return Err(damaged("its checksum is wrong (cut short or altered)"));
         }
         let snapshot: Self = postcard::from_bytes(body).map_err(|why| damaged(&why.to_string()))?;
-        if snapshot.shard.index == 0 || snapshot.shard.index > snapshot.shard.count {
-            return Err(damaged("its shard number is out of range"));
-        }
+        snapshot.check().map_err(damaged)?;
         Ok(snapshot)
+    }
+
+    /// Whether a snapshot from a file can be gone on from: a right checksum only says that the file is as it was
+    /// written.
+    fn check(&self) -> Result<(), &'static str> {
+        let Shard { index, count } = self.shard;
+        let State { tallies, position, targets, .. } = &self.state;
+        if index == 0 || index > count || count > MOST_SHARDS {
+            return Err("its shard number is out of range");
+        }
+        if [tallies.len(), position.len(), targets.len()] != [self.incident_deg.len(); 3] {
+            return Err("it has other numbers of tallies than of incidences");
+        }
+        // A NaN would make a state that does not even belong to its own bake.
+        let angles = self.incident_deg.iter().all(|angle| (0.0..=90.0).contains(angle));
+        if !angles || matches!(self.target, Target::AccuracyPercent(percent) if percent.is_nan()) {
+            return Err("it has an incidence or an accuracy that no bake can have");
+        }
+        if position.iter().chain(targets).any(|&paths| paths > sampling::MAX_PATHS) {
+            return Err("it claims more paths than a bake can have");
+        }
+        let walked = tallies.iter().zip(position).all(|(tally, &position)| tally.paths <= position);
+        if !walked || !tallies.iter().all(Tally::is_consistent) {
+            return Err("its sums do not add up");
+        }
+        Ok(())
     }
 }
 

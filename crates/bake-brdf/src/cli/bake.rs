@@ -2,9 +2,9 @@
 
 use super::manners;
 use super::plan::{SceneArgs, refuse, solver_name};
-use super::terms::{TermsArgs, recipe};
+use super::terms::{self, TermsArgs, recipe};
 use bake_brdf::bake::sampling::{Shard, State};
-use bake_brdf::bake::snapshot::{self, Snapshot};
+use bake_brdf::bake::snapshot::{self, MOST_SHARDS, Snapshot};
 use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, Sides, SolverChoice};
 use bake_brdf::effects::View;
 use bake_brdf::plan::{self, Terms};
@@ -17,10 +17,8 @@ use std::time::{Duration, Instant};
 use terminal::Manners;
 use terminal::{Outcome, Stop};
 
-/// Least time between two checkpoints: what a SIGKILL can cost.
-const CHECKPOINT_EVERY: Duration = Duration::from_secs(1);
-/// Most shards of a bake.
-const MOST_SHARDS: u32 = 100_000;
+/// Least time between two checkpoints unless asked otherwise.
+pub(super) const CHECKPOINT_EVERY_SECONDS: f64 = 1.0;
 
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct BakeArgs {
@@ -39,6 +37,9 @@ pub(crate) struct BakeArgs {
     /// expected to take more than a minute. It is removed when the table is written.
     #[arg(long, conflicts_with_all = ["shard", "scene"])]
     checkpoint: bool,
+    /// Least time between two checkpoints: what a SIGKILL can cost.
+    #[arg(long, value_name = "SECONDS", default_value_t = CHECKPOINT_EVERY_SECONDS, conflicts_with = "shard")]
+    checkpoint_every: f64,
     /// Go on from the checkpoint beside the output; start afresh where there is none.
     #[arg(long, conflicts_with_all = ["shard", "scene"])]
     resume: bool,
@@ -52,10 +53,19 @@ pub(crate) struct BakeArgs {
     /// Say what the bake would cost and write nothing.
     #[arg(long)]
     dry_run: bool,
+    /// Bake a table again from its own metadata and compare every bit; exit 3 if one differs. Writes nothing.
+    #[arg(long, value_name = "FILE", conflicts_with_all = [
+        "recipe", "output", "solver", "target", "seed", "azimuth", "effects", "incident_deg", "event_cap", "precision",
+        "checkpoint", "checkpoint_every", "resume", "shard", "dry_run", "scene", "both_sides",
+    ])]
+    reproduce: Option<PathBuf>,
 }
 
 /// Runs the command.
 pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
+    if let Some(table) = &args.reproduce {
+        return super::reproduce::run(table, manners);
+    }
     if let Some(scene) = &args.scene.scene {
         return super::scene::run(
             &args.scene,
@@ -87,7 +97,8 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
             .install(|| watched(manners, None, |observer| snapshot::walk_shard(&request, shard, observer)))?;
         return snapshot.write(&output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())));
     }
-    let kept = Kept { from_the_start: args.checkpoint, resume: args.resume };
+    let every = terms::budget("checkpoint-every", args.checkpoint_every)?;
+    let kept = Kept { from_the_start: args.checkpoint, every, resume: args.resume };
     let table = pool.install(|| {
         if sides == Sides::Both {
             return keep(bake::doubling(&request, sides).map_err(stop)?, &output);
@@ -120,6 +131,7 @@ fn sides(args: &BakeArgs, terms: &Terms) -> Result<Sides, Stop> {
 #[derive(Clone, Copy)]
 pub(super) struct Kept {
     pub(super) from_the_start: bool,
+    pub(super) every: Duration,
     pub(super) resume: bool,
 }
 
@@ -131,7 +143,7 @@ pub(super) fn bake_to(
     kept: Kept,
     manners: &Manners,
 ) -> Result<Table, Stop> {
-    let keeper = Keeper::new(output, kept.from_the_start, request);
+    let keeper = Keeper::new(output, kept.from_the_start, kept.every, request);
     let table = if solver == SolverChoice::Doubling {
         bake::doubling(request, Sides::Above).map_err(stop)?
     } else {
@@ -186,21 +198,24 @@ fn parse_shard(text: &str) -> Result<Shard, Stop> {
 }
 
 /// The checkpoint beside an output.
-struct Keeper<'a> {
+pub(super) struct Keeper<'a> {
     path: PathBuf,
     request: &'a Request,
+    /// Least time between two checkpoints.
+    every: Duration,
     /// Set from the start by `--checkpoint`, or by a forecast of more than a minute.
     on: AtomicBool,
     failed: AtomicBool,
 }
 
 impl<'a> Keeper<'a> {
-    fn new(output: &Path, from_the_start: bool, request: &'a Request) -> Self {
+    fn new(output: &Path, from_the_start: bool, every: Duration, request: &'a Request) -> Self {
         let mut path = output.as_os_str().to_owned();
         path.push(".checkpoint");
         Self {
             path: path.into(),
             request,
+            every,
             on: AtomicBool::new(from_the_start),
             failed: AtomicBool::new(false),
         }
@@ -232,6 +247,15 @@ impl<'a> Keeper<'a> {
         {
             say(&format!("{}: no checkpoint kept: {why}", self.path.display()));
         }
+    }
+
+    /// What an interrupted bake has to say.
+    fn interrupted(&self) -> Stop {
+        let path = self.path.display();
+        if self.on.load(Ordering::Relaxed) && self.path.exists() {
+            return Stop::failure(format!("interrupted; {path} keeps the work: go on with --resume"));
+        }
+        Stop::failure(BakeError::Interrupted)
     }
 
     fn remove(&self) {
@@ -303,7 +327,7 @@ pub(super) fn writable(output: &Path) -> Outcome {
 }
 
 /// Runs a bake with a progress bar, a forecast and, where there is a keeper, checkpoints.
-fn watched<T>(
+pub(super) fn watched<T>(
     manners: &Manners,
     keeper: Option<&Keeper<'_>>,
     work: impl FnOnce(&Observer<'_>) -> Result<T, BakeError>,
@@ -336,10 +360,13 @@ fn watched<T>(
             keeper.keep(state);
         }
     };
-    let checkpoint = Some(Checkpoint { every: CHECKPOINT_EVERY, keep: &keep });
+    let checkpoint = keeper.map(|keeper| Checkpoint { every: keeper.every, keep: &keep });
     let observer =
         Observer { stop: &manners::INTERRUPTED, progress: &progress, forecast: &forecast, checkpoint };
-    let result = work(&observer).map_err(stop);
+    let result = work(&observer).map_err(|why| match (&why, keeper) {
+        (BakeError::Interrupted, Some(keeper)) => keeper.interrupted(),
+        _ => stop(why),
+    });
     bar.finish_and_clear();
     result
 }

@@ -3,6 +3,7 @@
 mod bake;
 mod manners;
 mod plan;
+mod reproduce;
 mod scene;
 mod study;
 mod terms;
@@ -21,6 +22,7 @@ use terminal::Outcome;
   bake-brdf --paths 1000000 --seed 7 --json  a million paths per incidence, report as JSON
   bake-brdf --incident-deg 0:90:10,45        a few incidences
   bake-brdf --dry-run --accuracy 0.1         what would that cost?
+  bake-brdf --reproduce pearl.exr            bake it again from its metadata: the same bits?
   bake-brdf plan akoya.json                  which effects it calls for, why, and what they cost
   bake-brdf plan --scene ring.xml            the same for every pearl of a Mitsuba scene
   bake-brdf --scene ring.xml -o out          bakes those tables, and a copy of the scene that uses them

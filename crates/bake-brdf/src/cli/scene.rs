@@ -1,6 +1,6 @@
 //! `bake-brdf --scene`: bakes the tables that a scene calls for, and a copy of the scene that points at them.
 
-use super::bake::{Kept, bake_to, writable};
+use super::bake::{CHECKPOINT_EVERY_SECONDS, Kept, bake_to, writable};
 use super::manners;
 use super::plan::{SceneArgs, refuse, report, solver_name};
 use super::terms::TermsArgs;
@@ -10,7 +10,7 @@ use bake_brdf::scene::{Baked, Scene};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use terminal::Manners;
 use terminal::{Outcome, Stop};
 
@@ -113,7 +113,11 @@ fn bake(table: &PlannedTable, folder: &Path, name: String, manners: &Manners) ->
     let reused = !timed && path.is_file() && stored_hash(&path) == Some(hash);
     if !reused {
         writable(&path)?;
-        let kept = Kept { from_the_start: false, resume: false };
+        let kept = Kept {
+            from_the_start: false,
+            every: Duration::from_secs_f64(CHECKPOINT_EVERY_SECONDS),
+            resume: false,
+        };
         bake_to(&table.request, table.solver, &path, kept, manners)?;
     }
     let bytes = std::fs::metadata(&path).map_or(0, |data| data.len());

@@ -93,7 +93,7 @@ impl TermsArgs {
             },
             target: match (self.accuracy, self.paths, self.time_budget) {
                 (_, Some(paths), _) => Target::Paths(paths),
-                (_, _, Some(seconds)) => Target::Time(budget(seconds)?),
+                (_, _, Some(seconds)) => Target::Time(budget("time-budget", seconds)?),
                 (accuracy, _, _) => Target::AccuracyPercent(accuracy.unwrap_or(DEFAULT_ACCURACY_PERCENT)),
             },
             seed: self.seed,
@@ -115,11 +115,12 @@ impl TermsArgs {
     }
 }
 
-fn budget(seconds: f64) -> Result<Duration, Stop> {
+/// A flag's time, in seconds.
+pub(crate) fn budget(flag: &str, seconds: f64) -> Result<Duration, Stop> {
     if seconds > 0.0 && seconds <= 1e9 {
         return Ok(Duration::from_secs_f64(seconds));
     }
-    Err(Stop::BadInput(format!("--time-budget: {seconds} is not a time; expected seconds, more than 0")))
+    Err(Stop::BadInput(format!("--{flag}: {seconds} is not a time; expected seconds, more than 0")))
 }
 
 /// The recipe of a file, or the paper's; and what a message calls it.

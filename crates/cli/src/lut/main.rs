@@ -25,7 +25,8 @@ use terminal::{Outcome, Stop};
   lut plot pearl.exr -o figures                      Figs. 6, 7 and 10 of the paper, SVG and PNG
   lut diff pearl.exr other.exr                       exit 3 if they differ by more than their errors
   lut export pearl.exr --to bsdf-rgb -o pearl.bsdf   for Mitsuba's `measured` and pbrt-v4; says its own error
-  lut check pearl.exr                                exit 3 if something that must hold does not")]
+  lut check pearl.exr                                exit 3 if something that must hold does not
+  lut check pearl.exr --against other_seed.exr       and are its error bars honest?")]
 struct Cli {
     #[command(subcommand)]
     command: Command,

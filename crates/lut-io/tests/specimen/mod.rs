@@ -55,8 +55,13 @@ pub(crate) fn table(theta_i_deg: &[f64], axis: ExitAxis) -> Table {
             let factors = measure::value_factors(&shares, &measure::cell_extents(&axis, theta_i), &weights);
             for (share, factor) in shares.iter().zip(factors) {
                 lobe.value.push((share * factor) as f32);
-                lobe.std_error.push(((share * (1.0 - share) / PATHS as f64).sqrt() * factor) as f32);
-                lobe.count.push((share * PATHS as f64).round() as f32);
+                let count = (share * PATHS as f64).round();
+                let error = match count {
+                    0.0 => (share * (1.0 - share) / PATHS as f64).sqrt(),
+                    _ => share * (1.0 / count - 1.0 / PATHS as f64).sqrt(),
+                };
+                lobe.std_error.push((error * factor) as f32);
+                lobe.count.push(count as f32);
             }
         };
         add(&mut table.interior, interior_albedo(theta_i), 2.25);

@@ -1,0 +1,255 @@
+//! A table baked again from its own metadata, and what is not the same bit for bit.
+//!
+//! The metadata hold the whole recipe, the seed, the solver and its settings, the incidences and the paths walked at
+//! each, so that nothing else is needed. A bake to an accuracy goes through its decisions again; one to a time walks
+//! the paths that the table says it holds.
+
+use super::{BakeError, Observer, Request, Sides, Target, assemble};
+use crate::bake::sampling::{self, Shard};
+use crate::effects::{Effect, EffectSet};
+use crate::recipe::Recipe;
+use crate::spectra::MISSING_KEY;
+use lut_io::table::{Component, IncidenceSummary, Lobe, Meta, Solver, Table};
+use serde::Serialize;
+use serde_json::Value;
+use std::time::Duration;
+use transport::walk::lanes::Precision;
+
+/// One place where two tables are not the same.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// Key of the metadata (`per_incidence[3].albedo`) or channel (`channel interior_std_error`).
+    pub field: String,
+    /// What the first table holds.
+    pub stored: String,
+    /// What the second holds.
+    pub again: String,
+}
+
+/// The request that makes this table again.
+///
+/// # Errors
+/// Metadata that no bake of this version writes; the line names the key.
+pub fn request(meta: &Meta) -> Result<Request, BakeError> {
+    let missing = |key: &str, right: &str| BakeError::Input(format!("solver_settings.{key}: {right}"));
+    let recipe = Recipe::from_json(&meta.recipe.to_string())
+        .map_err(|why| BakeError::Input(format!("recipe in the metadata: {why}")))?;
+    let walked = meta.solver == Solver::Walk;
+    let precision = match meta.solver_settings.get("precision").and_then(Value::as_str) {
+        Some("f32") => Precision::F32,
+        Some("f64") => Precision::F64,
+        _ if walked => return Err(missing("precision", "expected f32 or f64")),
+        _ => Precision::Auto,
+    };
+    let event_cap = match meta.solver_settings.get("event_cap").and_then(Value::as_u64).map(u32::try_from) {
+        Some(Ok(cap)) => cap,
+        _ if walked => return Err(missing("event_cap", "expected a number of events")),
+        _ => super::DEFAULT_EVENT_CAP,
+    };
+    for at in meta.per_incidence.iter().filter(|_| walked) {
+        if !(1..=sampling::MAX_PATHS).contains(&at.paths) {
+            return Err(paths_refused(at, &format!("1 to {} in a walked table", sampling::MAX_PATHS)));
+        }
+    }
+    let effect = |name: &String| {
+        let unknown = || BakeError::Input(format!("effects: {name:?} is not an effect of this version"));
+        Effect::from_name(name).ok_or_else(unknown)
+    };
+    let mut effects = meta.effects.iter().map(effect).collect::<Result<EffectSet, _>>()?;
+    if meta.extra.contains_key(MISSING_KEY) {
+        // Colours that this stack could not have were asked for by its look.
+        effects = effects.union(super::effects_of(&recipe));
+    }
+    let request = Request {
+        recipe,
+        effects,
+        listed: false,
+        incident_deg: meta.per_incidence.iter().map(|at| at.theta_i_deg).collect(),
+        target: target(meta)?,
+        seed: meta.seed,
+        event_cap,
+        precision,
+    };
+    request.check()?;
+    Ok(request)
+}
+
+fn paths_refused(at: &IncidenceSummary, right: &str) -> BakeError {
+    let (theta, paths) = (at.theta_i_deg, at.paths);
+    BakeError::Input(format!("per_incidence at {theta}°: paths is {paths}; expected {right}"))
+}
+
+/// What the bake was asked for: an accuracy, a time, or else equally many paths everywhere.
+fn target(meta: &Meta) -> Result<Target, BakeError> {
+    if let Some(percent) = meta.accuracy.asked_percent {
+        return Ok(Target::AccuracyPercent(percent));
+    }
+    if let Some(budget) = meta.solver_settings.get("time_budget_seconds") {
+        let seconds = budget.as_f64().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+        return seconds.map(Target::Time).ok_or_else(|| {
+            BakeError::Input(format!(
+                "solver_settings.time_budget_seconds: {budget} is not a time in seconds"
+            ))
+        });
+    }
+    // A table without a lobe walked no paths; any number does.
+    let paths = meta.per_incidence[0].paths.max(1);
+    match meta.per_incidence.iter().find(|at| at.paths.max(1) != paths) {
+        Some(at) => {
+            Err(paths_refused(at, &format!("{paths} as at the first incidence, without accuracy or time")))
+        }
+        None => Ok(Target::Paths(paths)),
+    }
+}
+
+/// Bakes a table again from its metadata.
+///
+/// # Errors
+/// As [`request`], and those of the bake.
+pub fn bake_again(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeError> {
+    let request = request(meta)?;
+    if meta.solver == Solver::Doubling {
+        let sides = if meta.extra.contains_key(lut_io::both_sides::KEY) { Sides::Both } else { Sides::Above };
+        return super::doubling(&request, sides);
+    }
+    if !matches!(request.target, Target::Time(_)) {
+        return super::walk(&request, observer, None);
+    }
+    // A time gives other path counts every time: those of the table are walked.
+    let paths: Vec<u64> = meta.per_incidence.iter().map(|at| at.paths).collect();
+    let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    sampling.walk_to_each(&paths, observer)?;
+    let table = assemble::walk_table(&request, &transport, &axis, &sampling);
+    super::coloured(&request, table, &request.colours()?)
+}
+
+/// Every key of the metadata and every channel in which two tables are not the same bit for bit.
+#[must_use]
+pub fn differences(stored: &Table, again: &Table) -> Vec<Difference> {
+    let mut found = Vec::new();
+    let as_json = |meta: &Meta| serde_json::to_value(meta).unwrap_or_default();
+    compare_json("", &as_json(&stored.meta), &as_json(&again.meta), &mut found);
+    for component in Component::ALL {
+        compare_lobes(component.name(), stored, stored.lobe(component), again.lobe(component), &mut found);
+    }
+    found
+}
+
+fn compare_json(field: &str, stored: &Value, again: &Value, found: &mut Vec<Difference>) {
+    let below = |key: &str| if field.is_empty() { key.to_owned() } else { format!("{field}.{key}") };
+    match (stored, again) {
+        (Value::Object(a), Value::Object(b)) => {
+            for (key, value) in a {
+                compare_json(&below(key), value, b.get(key).unwrap_or(&Value::Null), found);
+            }
+            for (key, value) in b.iter().filter(|(key, _)| !a.contains_key(*key)) {
+                compare_json(&below(key), &Value::Null, value, found);
+            }
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            for (index, (a, b)) in a.iter().zip(b).enumerate() {
+                compare_json(&format!("{field}[{index}]"), a, b, found);
+            }
+        }
+        _ if stored == again => (),
+        _ => found.push(Difference { field: field.to_owned(), stored: brief(stored), again: brief(again) }),
+    }
+}
+
+/// A JSON value short enough for a line.
+fn brief(value: &Value) -> String {
+    const MOST: usize = 60;
+    let text = value.to_string();
+    if text.chars().count() <= MOST { text } else { text.chars().take(MOST).chain(['…']).collect() }
+}
+
+fn compare_lobes(name: &str, table: &Table, stored: &Lobe, again: &Lobe, found: &mut Vec<Difference>) {
+    let pairs = [
+        (name.to_owned(), &stored.value, &again.value),
+        (format!("{name}_std_error"), &stored.std_error, &again.std_error),
+        (format!("{name}_count"), &stored.count, &again.count),
+    ];
+    for (channel, a, b) in pairs {
+        let field = format!("channel {channel}");
+        if a.len() != b.len() {
+            let cells = |samples: &[f32]| format!("{} cells", samples.len());
+            found.push(Difference { field, stored: cells(a), again: cells(b) });
+            continue;
+        }
+        let differing = |(a, b): (&f32, &f32)| a.to_bits() != b.to_bits();
+        let Some(first) = a.iter().zip(b).position(differing) else { continue };
+        let count = a.iter().zip(b).filter(|&(a, b)| differing((a, b))).count();
+        let per_incidence = table.meta.exit_axis.cells();
+        let theta_i = table.meta.per_incidence[first / per_incidence].theta_i_deg;
+        let cell = first % per_incidence;
+        found.push(Difference {
+            field: format!("{field}, {count} of {} cells, first at {theta_i}° cell {cell}", a.len()),
+            stored: a[first].to_string(),
+            again: b[first].to_string(),
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bake;
+
+    fn baked(target: Target, incident_deg: &[f64]) -> Table {
+        let recipe = Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap();
+        let request = Request {
+            effects: bake::effects_of(&recipe),
+            recipe,
+            listed: false,
+            incident_deg: incident_deg.to_vec(),
+            target,
+            seed: 5,
+            event_cap: 1000,
+            precision: Precision::Auto,
+        };
+        bake::walk(&request, &Observer::idle(), None).unwrap()
+    }
+
+    fn again(table: &Table) -> Vec<Difference> {
+        differences(table, &bake_again(&table.meta, &Observer::idle()).unwrap())
+    }
+
+    #[test]
+    fn a_walk_to_any_target_is_made_again_from_its_metadata() {
+        for target in
+            [Target::Paths(50_001), Target::AccuracyPercent(2.0), Target::Time(Duration::from_millis(300))]
+        {
+            assert_eq!(again(&baked(target, &[0.0, 30.0, 80.0])), [], "{target:?}");
+        }
+    }
+
+    #[test]
+    fn what_differs_is_named_by_key_and_by_channel() {
+        let mut table = baked(Target::Paths(9000), &[10.0, 70.0]);
+        let cells = table.meta.exit_axis.cells();
+        let at = cells + table.interior.value[cells..].iter().position(|value| *value > 0.0).unwrap();
+        table.interior.value[at] = table.interior.value[at].next_up();
+        table.meta.per_incidence[1].skew_theta_o += 1e-9;
+        let found = again(&table);
+        let fields: Vec<&str> = found.iter().map(|difference| difference.field.as_str()).collect();
+        let channel = format!("channel interior, 1 of {} cells, first at 70° cell {}", 2 * cells, at - cells);
+        assert_eq!(fields, ["per_incidence[1].skew_theta_o", &channel]);
+        table.meta.seed = 6;
+        assert!(again(&table).len() > 10, "another seed differs nearly everywhere");
+    }
+
+    #[test]
+    fn metadata_that_cannot_be_baked_are_refused_by_key() {
+        let table = baked(Target::Paths(5000), &[10.0]);
+        let refusal = |change: &dyn Fn(&mut Meta)| {
+            let mut meta = table.meta.clone();
+            change(&mut meta);
+            request(&meta).unwrap_err().to_string()
+        };
+        assert!(refusal(&|meta| meta.recipe["stack"]["layers"] = "six".into()).contains("stack.layers"));
+        assert!(refusal(&|meta| meta.solver_settings["precision"] = "f16".into()).contains("precision"));
+        assert!(refusal(&|meta| meta.solver_settings["event_cap"] = 1e40.into()).contains("event_cap"));
+        assert!(refusal(&|meta| meta.per_incidence[0].paths = u64::MAX).contains("paths is"));
+        assert!(refusal(&|meta| meta.effects.push("glitter".to_owned())).contains("effects: \"glitter\""));
+    }
+}

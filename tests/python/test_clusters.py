@@ -1,0 +1,109 @@
+"""Bakes on clusters: Dask with a worker killed in the middle, and a Slurm job array, give the bytes of one bake."""
+
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+distributed = pytest.importorskip("distributed")
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
+DRIVER = ROOT / "tools" / "dask" / "bake.py"
+SLURM = ROOT / "tools" / "slurm"
+RECIPE = '{"stack":{"layers":40}}'
+FURTHER = ["--incident-deg", "0,40,80", "--seed", "11"]
+
+
+@pytest.fixture
+def recipe(tmp_path):
+    path = tmp_path / "recipe.json"
+    path.write_text(RECIPE)
+    return path
+
+
+def single(folder, recipe, paths):
+    """The bytes of a bake in one process."""
+    output = folder / "single.exr"
+    subprocess.run([BIN / "bake-brdf", recipe, "--paths", str(paths), *FURTHER, "-q", "-o", output], check=True, stdout=subprocess.DEVNULL)
+    return output.read_bytes()
+
+
+def driver(*args):
+    command = [sys.executable, DRIVER, "--bin", BIN, *args]
+    return subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def test_a_worker_killed_in_the_middle_costs_no_bit(tmp_path, recipe):
+    paths = 2_000_000
+    whole = single(tmp_path, recipe, paths)
+    output = tmp_path / "dask.exr"
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        victims = client.run(os.getpid)
+        bake = driver(recipe, "--paths", paths, "--shards", 30, "-o", output, "--scheduler", cluster.scheduler_address, "--", *FURTHER)
+        # Both workers walk when the first tenth of the shards is done.
+        first = bake.stderr.readline()
+        assert "/30 shards" in first, first + bake.stderr.read()
+        victim = next(iter(victims.values()))
+        os.kill(victim, signal.SIGKILL)
+        stdout, stderr = bake.communicate(timeout=120)
+        assert bake.returncode == 0, stderr
+        survivors = client.run(os.getpid)
+    assert victim not in survivors.values()
+    assert stdout.strip() == str(output) and "30/30 shards" in stderr
+    assert output.read_bytes() == whole
+
+
+def test_a_sweep_makes_a_table_a_recipe_on_the_embedded_cluster(tmp_path, recipe):
+    other = tmp_path / "other.json"
+    other.write_text('{"stack":{"layers":10},"name":"other"}')
+    paths = 100_000
+    bake = driver(recipe, other, "--paths", paths, "--shards", 3, "-o", tmp_path / "tables", "--workers", 2, "-q", "--", *FURTHER)
+    stdout, stderr = bake.communicate(timeout=120)
+    assert bake.returncode == 0, stderr
+    assert sorted(stdout.split()) == [str(tmp_path / "tables" / f"{name}.exr") for name in ("other", "recipe")]
+    for path in (recipe, other):
+        assert (tmp_path / "tables" / f"{path.stem}.exr").read_bytes() == single(tmp_path, path, paths)
+
+
+def test_wrong_input_is_one_line_and_exit_2(tmp_path, recipe):
+    bad = tmp_path / "bad.json"
+    bad.write_text('{"stack":{"layer":5}}')
+    kept = tmp_path / "kept.exr"
+    kept.write_bytes(b"the old table")
+    for args, word in [
+        ([bad, "--paths", 1000, "-o", kept, "--workers", 1, "-q"], "layer"),
+        ([tmp_path / "absent.json", "--paths", 1000, "-o", kept, "--workers", 1, "-q"], "absent.json"),
+        ([recipe, "--paths", 0, "-o", kept], "paths"),
+        ([recipe, "-o", kept], "paths"),
+    ]:
+        bake = driver(*args)
+        _, stderr = bake.communicate(timeout=120)
+        assert bake.returncode == 2, stderr
+        assert len(stderr.strip().splitlines()) == 1 and word in stderr, stderr
+        assert kept.read_bytes() == b"the old table"
+
+
+def test_the_slurm_job_array_makes_the_bytes_of_one_bake(tmp_path, recipe):
+    """sbatch itself stands in: it runs each task of the array here, as Slurm would elsewhere."""
+    shim = tmp_path / "bin"
+    shim.mkdir()
+    (shim / "sbatch").write_text(
+        "#!/bin/bash\nset -e\nfor word; do case $word in --array=1-*) n=${word#--array=1-};; *.sbatch) job=$word;; esac; done\n"
+        "for i in $(seq ${n:-1} -1 1); do SLURM_ARRAY_TASK_ID=$i SLURM_ARRAY_TASK_COUNT=${n:-1} bash $job; done\necho 1\n"
+    )
+    (shim / "sbatch").chmod(0o755)
+    output = tmp_path / "slurm.exr"
+    env = {**os.environ, "PATH": f"{shim}{os.pathsep}{BIN}{os.pathsep}{os.environ['PATH']}", "BAKE_ARGUMENTS": " ".join(FURTHER)}
+    start = time.monotonic()
+    done = subprocess.run([SLURM / "submit.sh", recipe, "100000", "5", output], env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert time.monotonic() - start < 120
+    assert output.read_bytes() == single(tmp_path, recipe, 100_000)
