@@ -249,7 +249,7 @@ impl Tally {
         reflected
     }
 
-    /// Shares, moments and their standard errors. The four ledger entries add up to 1 by construction:
+    /// Shares, moments and their standard errors; the accuracy is left at 0. The four ledger entries add up to 1 by construction:
     /// absorbed is what the others leave of the incident weight.
     #[must_use]
     pub fn summary(&self, theta_i_deg: f64) -> IncidenceSummary {
@@ -284,7 +284,7 @@ impl Tally {
             },
             paths: self.paths,
             azimuth_width_deg: 0.0,
-            accuracy_percent: 100.0 * self.total_variation_bound(),
+            accuracy_percent: 0.0,
         }
     }
 
@@ -353,29 +353,28 @@ impl Tally {
 
     /// Expected total variation between the lobe of this tally and the true one, as a share of the reflected
     /// light: ½ Σ E|estimate − truth| over the cells.
+    ///
+    /// `spread` is the solid angle that a unit of each cell's extent stands for, in any unit: light counts by where
+    /// it is read on the hemisphere.
     #[must_use]
-    pub fn total_variation_error(&self) -> f64 {
-        self.total_variation().0.min(1.0)
+    pub fn total_variation_error(&self, spread: &[f64]) -> f64 {
+        self.total_variation(spread).0.min(1.0)
     }
 
     /// A bound that the total variation stays below with 99.9 % probability: its expectation and three of its
     /// standard deviations. (One bake has about a hundred incidences, and the worst counts.)
     #[must_use]
-    pub fn total_variation_bound(&self) -> f64 {
-        let (expected, sd) = self.total_variation();
+    pub fn total_variation_bound(&self, spread: &[f64]) -> f64 {
+        let (expected, sd) = self.total_variation(spread);
         (expected + 3.0 * sd).min(1.0)
     }
 
     /// Expectation and standard deviation of the total variation. For a normal deviate of standard deviation σ,
     /// |x| has variance (1 − 2/π)σ².
-    fn total_variation(&self) -> (f64, f64) {
+    fn total_variation(&self, spread: &[f64]) -> (f64, f64) {
         let count = self.cells();
-        let total = self.reflected_share().weight as f64;
-        if total == 0.0 {
-            return (1.0, 0.0);
-        }
-        let (mut deviation, mut variance) = (0.0, 0.0);
-        for cell in 0..count {
+        let (mut total, mut deviation, mut variance) = (0.0, 0.0, 0.0);
+        for (cell, spread) in spread.iter().enumerate() {
             let mut all = self.cells[SINGLE * count + cell];
             all.add(&self.cells[REHIT * count + cell]);
             all.add(&self.cells[INTERIOR * count + cell]);
@@ -385,8 +384,13 @@ impl Tally {
             // Kish's effective number of equal weights.
             let (w, w2) = (all.weight as f64, all.weight_squared as f64 * WEIGHT_ONE);
             let effective = w * w / w2.max(1.0);
-            deviation += mean_deviation(effective) * w / effective;
-            variance += w * w / effective;
+            let read = w * spread;
+            total += read;
+            deviation += mean_deviation(effective) * read / effective;
+            variance += read * read / effective;
+        }
+        if total == 0.0 {
+            return (1.0, 0.0);
         }
         let sd = ((1.0 - std::f64::consts::FRAC_2_PI) * variance).sqrt();
         (0.5 * deviation / total, 0.5 * sd / total)

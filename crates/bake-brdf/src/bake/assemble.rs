@@ -3,7 +3,6 @@
 use super::halfway::{self, Halfway, Row};
 use super::{Request, SolverChoice, Target, content_hash};
 use crate::bake::sampling::Sampling;
-use crate::recipe::Recipe;
 use crate::tally::CellShares;
 use faer::Mat;
 use lut_io::axis::{ExitAxis, Stretched};
@@ -32,10 +31,16 @@ pub(super) fn walk_table(
     sampling: &Sampling,
 ) -> Table {
     let incidences =
-        sampling.tallies().iter().zip(&request.incident_deg).map(|(tally, &theta_i_deg)| Incidence {
-            summary: tally.summary(theta_i_deg),
-            components: Component::ALL.map(|component| tally.component(component)),
-            noise: tally.total_variation_error(),
+        sampling.tallies().iter().zip(&request.incident_deg).enumerate().map(|(i, (tally, &theta_i_deg))| {
+            let spread = sampling.spread(i);
+            Incidence {
+                summary: IncidenceSummary {
+                    accuracy_percent: 100.0 * tally.total_variation_bound(&spread),
+                    ..tally.summary(theta_i_deg)
+                },
+                components: Component::ALL.map(|component| tally.component(component)),
+                noise: tally.total_variation_error(&spread),
+            }
         });
     let crossings: u64 = sampling.tallies().iter().map(|tally| tally.crossings).sum();
     let mut settings = settings([
@@ -267,7 +272,8 @@ pub(super) fn table(
     for incidence in &mut incidences {
         let summary = &mut incidence.summary;
         if matches!(axis, ExitAxis::Plane { .. }) {
-            summary.azimuth_width_deg = azimuth_width_deg(&request.recipe, summary.sd_theta_o_deg);
+            summary.azimuth_width_deg =
+                azimuth_width_deg(request.recipe.azimuth.width_deg, summary.sd_theta_o_deg);
         }
         let theta_i = summary.theta_i_deg.to_radians();
         let extents = measure::cell_extents(axis, theta_i);
@@ -344,10 +350,10 @@ fn meta(
 }
 
 /// w of the decay postulate: the recipe's, or the standard deviation of the plane lobe at this θi.
-pub(super) fn azimuth_width_deg(recipe: &Recipe, sd_theta_o_deg: f64) -> f64 {
+pub(super) fn azimuth_width_deg(fixed: Option<f64>, sd_theta_o_deg: f64) -> f64 {
     // A lobe without spread (σ = 0, or no light at all) still needs a width to divide by.
     const NARROWEST_DEG: f64 = 1e-4;
-    recipe.azimuth.width_deg.unwrap_or(sd_theta_o_deg).max(NARROWEST_DEG)
+    fixed.unwrap_or(sd_theta_o_deg).max(NARROWEST_DEG)
 }
 
 /// Stored values, errors and counts of one component at one incidence.

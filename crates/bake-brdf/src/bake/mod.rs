@@ -135,6 +135,8 @@ pub struct Checkpoint<'a> {
 pub struct Progress<'a> {
     /// Tallies so far, one per incidence.
     pub tallies: &'a [Tally],
+    /// Solid angle per unit of extent of their cells, as known when the round began.
+    pub spreads: &'a [Vec<f64>],
     /// Crossings after which the present round is through.
     pub expected_crossings: f64,
 }
@@ -149,7 +151,8 @@ impl Progress<'_> {
     /// Bound on the error reached so far, per cent, at the worst incidence.
     #[must_use]
     pub fn error_percent(&self) -> f64 {
-        100.0 * self.tallies.iter().map(Tally::total_variation_bound).fold(0.0, f64::max)
+        let tallies = self.tallies.iter().zip(self.spreads);
+        100.0 * tallies.map(|(tally, spread)| tally.total_variation_bound(spread)).fold(0.0, f64::max)
     }
 }
 
@@ -265,6 +268,7 @@ impl Request {
             &transport,
             geometry,
             &axis,
+            self.recipe.azimuth.width_deg,
             &theta_i,
             self.seed,
             self.event_cap,

@@ -1,8 +1,10 @@
 //! The Monte Carlo side of a bake: which paths are walked, by whom, and when it is enough.
 
+use super::assemble::azimuth_width_deg;
 use super::{BakeError, Observer, Progress, Request, Target};
 use crate::tally::{CHUNK, Cells, Tally};
 use lut_io::axis::ExitAxis;
+use lut_io::measure;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::Ordering;
@@ -32,6 +34,9 @@ const AIM: f64 = 0.97;
 pub struct Sampling {
     walker: Walker,
     cells: Vec<Cells>,
+    axis: ExitAxis,
+    /// w of the decay postulate, degrees, where the recipe fixes it.
+    azimuth_width_deg: Option<f64>,
     theta_i: Vec<f64>,
     seed: u64,
     event_cap: u32,
@@ -92,6 +97,7 @@ impl Sampling {
         transport: &Transport,
         geometry: Geometry,
         axis: &ExitAxis,
+        azimuth_width_deg: Option<f64>,
         theta_i: &[f64],
         seed: u64,
         event_cap: u32,
@@ -102,6 +108,8 @@ impl Sampling {
         Ok(Self {
             walker: walker.map_err(|why| BakeError::Input(why.to_string()))?,
             cells: theta_i.iter().map(|&theta| Cells::new(axis, theta)).collect(),
+            axis: *axis,
+            azimuth_width_deg,
             theta_i: theta_i.to_vec(),
             seed,
             event_cap,
@@ -188,8 +196,7 @@ impl Sampling {
         self.walk_pilot(PILOT, observer)?;
         (observer.forecast)(self.seconds_to_accuracy(accuracy));
         loop {
-            let targets: Vec<u64> =
-                self.state.tallies.iter().map(|tally| paths_for(tally, accuracy)).collect();
+            let targets = self.targets_for_accuracy(accuracy);
             if let Some(&most) = targets.iter().max()
                 && most > MAX_PATHS
             {
@@ -235,9 +242,7 @@ impl Sampling {
     pub fn forecast(&mut self, target: Target, observer: &Observer<'_>) -> Result<(f64, u64), BakeError> {
         self.walk_pilot(PILOT, observer)?;
         let targets: Vec<u64> = match target {
-            Target::AccuracyPercent(percent) => {
-                self.state.tallies.iter().map(|tally| paths_for(tally, percent / 100.0)).collect()
-            }
+            Target::AccuracyPercent(percent) => self.targets_for_accuracy(percent / 100.0),
             Target::Paths(paths) => vec![paths; self.theta_i.len()],
             Target::Time(budget) => self.targets_for_seconds(budget.as_secs_f64()),
         };
@@ -254,10 +259,34 @@ impl Sampling {
         }
     }
 
+    /// Solid angle per unit of extent of each cell of one incidence: in the plane it follows from the decay postulate,
+    /// whose w may be the tally's own standard deviation.
+    pub(super) fn spread(&self, incidence: usize) -> Vec<f64> {
+        let theta_i = self.theta_i[incidence];
+        if matches!(self.axis, ExitAxis::Space { .. }) {
+            return vec![1.0; self.axis.cells()];
+        }
+        let sd = self.state.tallies[incidence].moments(theta_i).sd.to_degrees();
+        let width = azimuth_width_deg(self.azimuth_width_deg, sd).to_radians();
+        let weights = measure::reading_weights(&self.axis, theta_i, width);
+        weights.iter().zip(measure::cell_extents(&self.axis, theta_i)).map(|(w, extent)| w / extent).collect()
+    }
+
+    /// Bound on the total variation of every incidence ([`Tally::total_variation_bound`]).
+    pub(super) fn bounds(&self) -> Vec<f64> {
+        let tallies = self.state.tallies.iter().enumerate();
+        tallies.map(|(i, tally)| tally.total_variation_bound(&self.spread(i))).collect()
+    }
+
+    /// Paths of every incidence at which its bound reaches `accuracy`.
+    fn targets_for_accuracy(&self, accuracy: f64) -> Vec<u64> {
+        let tallies = self.state.tallies.iter().zip(self.bounds());
+        tallies.map(|(tally, bound)| paths_for(tally.paths, bound, accuracy)).collect()
+    }
+
     /// Seconds that walking to `accuracy` will still take, from the rate so far.
     fn seconds_to_accuracy(&self, accuracy: f64) -> f64 {
-        let targets: Vec<u64> = self.state.tallies.iter().map(|tally| paths_for(tally, accuracy)).collect();
-        self.seconds_to(&targets)
+        self.seconds_to(&self.targets_for_accuracy(accuracy))
     }
 
     /// Walks the pilot that every decision and prediction starts from.
@@ -288,8 +317,9 @@ impl Sampling {
 
     /// Paths proportional to (error·√paths)² that take `seconds` more.
     fn targets_for_seconds(&self, seconds: f64) -> Vec<u64> {
+        let tallies = self.state.tallies.iter();
         let needs: Vec<f64> =
-            self.state.tallies.iter().map(|t| t.total_variation_bound().powi(2) * t.paths as f64).collect();
+            tallies.zip(self.bounds()).map(|(tally, bound)| bound.powi(2) * tally.paths as f64).collect();
         let scaled = |factor: f64| -> Vec<u64> {
             let target = |(need, tally): (&f64, &Tally)| {
                 let chunks = (factor * need / CHUNK as f64).min(MAX_PATHS as f64 / CHUNK as f64) as u64;
@@ -322,13 +352,14 @@ impl Sampling {
             }
         }
         self.state.targets = targets.to_vec();
+        let spreads: Vec<Vec<f64>> = (0..self.theta_i.len()).map(|i| self.spread(i)).collect();
         let expected = self.crossings() as f64 + self.crossings_to(targets);
         let mut kept = Instant::now();
         let mut left = tasks.as_slice();
         let due = observer.checkpoint.as_ref().map_or(LONGEST_SLICE, |checkpoint| checkpoint.every);
         while !left.is_empty() {
             let (slice, rest) = left.split_at(left.len().min(self.tasks_per_slice(due.min(LONGEST_SLICE))));
-            self.walk_slice(slice, expected, observer)?;
+            self.walk_slice(slice, expected, &spreads, observer)?;
             left = rest;
             if let Some(checkpoint) = &observer.checkpoint
                 && kept.elapsed() >= checkpoint.every
@@ -358,6 +389,7 @@ impl Sampling {
         &mut self,
         slice: &[Task],
         expected: f64,
+        spreads: &[Vec<f64>],
         observer: &Observer<'_>,
     ) -> Result<(), BakeError> {
         let walked = Mutex::new(self.state.tallies.clone());
@@ -368,7 +400,7 @@ impl Sampling {
             let tally = self.walk_task(task);
             let mut tallies = walked.lock().unwrap_or_else(PoisonError::into_inner);
             tallies[task.incidence].add(&tally);
-            (observer.progress)(&Progress { tallies: &tallies, expected_crossings: expected });
+            (observer.progress)(&Progress { tallies: &tallies, spreads, expected_crossings: expected });
             Ok(())
         })?;
         self.state.tallies = walked.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -397,13 +429,12 @@ impl Sampling {
 }
 
 /// Paths, a multiple of [`CHUNK`], at which the bound on the total variation reaches `accuracy`.
-fn paths_for(tally: &Tally, accuracy: f64) -> u64 {
-    let bound = tally.total_variation_bound();
+fn paths_for(paths: u64, bound: f64, accuracy: f64) -> u64 {
     if bound <= accuracy {
-        return tally.paths;
+        return paths;
     }
     let factor = (bound / (AIM * accuracy)).powi(2);
-    let chunks = (tally.paths as f64 * factor / CHUNK as f64).ceil();
+    let chunks = (paths as f64 * factor / CHUNK as f64).ceil();
     // Casts of floats saturate.
     (chunks as u64).saturating_mul(CHUNK)
 }
@@ -428,8 +459,8 @@ pub(super) fn scout(request: &Request, accuracy: f64) -> Result<Effort, BakeErro
     let (mut sampling, _, _) = scouted.sampling(Shard::WHOLE)?;
     sampling.walk_pilot(SCOUT_PATHS, &Observer::idle())?;
     let mut effort = Effort { crossings: 0.0, paths: 0.0 };
-    for tally in &sampling.state.tallies {
-        let paths = share * paths_for(tally, accuracy).max(PILOT) as f64;
+    for (tally, target) in sampling.state.tallies.iter().zip(sampling.targets_for_accuracy(accuracy)) {
+        let paths = share * target.max(PILOT) as f64;
         effort.paths += paths;
         effort.crossings += paths * tally.crossings as f64 / tally.paths as f64;
     }

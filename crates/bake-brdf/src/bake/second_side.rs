@@ -131,7 +131,9 @@ fn passage_row(
         share.iter_mut().for_each(|share| *share *= light.max(0.0) / found);
     }
     let width = match axis {
-        ExitAxis::Plane { .. } => azimuth_width_deg(&request.recipe, spread_deg(axis, specular, &share)),
+        ExitAxis::Plane { .. } => {
+            azimuth_width_deg(request.recipe.azimuth.width_deg, spread_deg(axis, specular, &share))
+        }
         ExitAxis::Space { .. } => 0.0,
     };
     let extents = measure::cell_extents(axis, specular);
