@@ -1,7 +1,7 @@
 """What is rendered: shapes, lights, and the samples of light paths that all ways share.
 
 Light is direct and without shadows; a scene is a list of (pixel, wi, wo, radiance over density) in local frames, so that
-ways differ by nothing but the BSDF. That this little renderer is right is itself checked against Mitsuba's path tracer.
+ways differ by nothing but the BSDF.
 """
 
 from __future__ import annotations

@@ -474,7 +474,7 @@ pub fn forecast(request: &Request, observer: &Observer<'_>) -> Result<Forecast, 
 /// Predicts the cost of a bake by a solver: the walk's from a pilot, doubling's from its operation count.
 ///
 /// # Errors
-/// As [`walk`] and [`doubling`].
+/// As [`walk()`] and [`doubling()`].
 pub fn forecast_of(
     request: &Request,
     solver: SolverChoice,

@@ -43,7 +43,7 @@ struct Manners {
     /// Say more on stderr.
     #[arg(short, long, global = true)]
     verbose: bool,
-    /// Accepted as by every tool of Nacre; `lut` works on one thread.
+    /// Threads to use [default: one per core].
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     threads: Option<u16>,
 }
@@ -78,6 +78,12 @@ fn main() -> ExitCode {
 }
 
 fn run(cli: Cli) -> Outcome {
+    if let Some(threads) = cli.manners.threads {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(usize::from(threads))
+            .build_global()
+            .map_err(Stop::failure)?;
+    }
     match cli.command {
         Command::Info(args) => info::run(&args),
         Command::Slice(args) => slice::run(&args),

@@ -5,7 +5,7 @@
 //! an interface maps them back by a quadrature over its facets (`kernel`), so that energy closes to rounding.
 //! Interfaces are joined by the adding equations, periodic parts by doubling (`star`, `stack`). The first
 //! interface is kept apart: its single reflection has a closed form (`surface`) and needs no modes at all. Smooth
-//! interfaces (σ = 0) need no basis at all: [`smooth`].
+//! interfaces (σ = 0) need no basis at all: [`mod@smooth`].
 
 mod facets;
 mod grid;
