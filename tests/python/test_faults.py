@@ -102,7 +102,7 @@ def test_an_interrupt_writes_a_last_checkpoint(tmp_path):
     checkpoint = tmp_path / "pearl.exr.checkpoint"
     # No checkpoint is due within the bake: the one that is found is the interrupt's.
     life = started(tmp_path, *args, "--checkpoint", "--checkpoint-every", 1000, "-q")
-    time.sleep(2.0)
+    time.sleep(0.7)
     assert not checkpoint.exists()
     life.send_signal(signal.SIGINT)
     _, stderr = life.communicate()

@@ -16,6 +16,7 @@ Exit codes as of every tool: 0 ok, 1 runtime failure, 2 wrong usage or input.
 
 import argparse
 import contextlib
+import logging
 import os
 import pathlib
 import shutil
@@ -138,6 +139,7 @@ def bake(client, arguments, tools, recipes):
             which, index = jobs.pop(future)
             name, _, table = recipes[which]
             if refusal is not None:
+                client.cancel(list(jobs))
                 raise Refused(f"{name}: {refusal}")
             shards[which][index] = content
             future.release()
@@ -201,6 +203,8 @@ def parse(argv):
 
 
 def main():
+    # A client that is closed while results are on their way says so at length.
+    logging.getLogger("tornado.application").setLevel(logging.CRITICAL)
     try:
         arguments = parse(sys.argv[1:])
         tools, recipes = prepare(arguments)
