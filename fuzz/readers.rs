@@ -9,14 +9,21 @@ use bake_brdf::scene::Scene;
 use lut_io::exr_file;
 use lut_io::lobe::Interpolant;
 use lut_io::table::Component;
+use lut_io::tensor_file::{self, Field};
 use std::path::Path;
 
 /// A reader: `Err` is the line a user would see.
 pub(crate) type Reader = fn(&[u8]) -> Result<(), String>;
 
 /// Every reader by the name of its target.
-pub(crate) const READERS: [(&str, Reader); 5] =
-    [("table", table), ("recipe", recipe), ("state", state), ("state_body", state_body), ("scene", scene)];
+pub(crate) const READERS: [(&str, Reader); 6] = [
+    ("table", table),
+    ("recipe", recipe),
+    ("state", state),
+    ("state_body", state_body),
+    ("scene", scene),
+    ("bsdf", bsdf),
+];
 
 /// Layers beyond which a valid recipe is not turned into a stack here: that is memory by request, not by accident.
 const MOST_LAYERS: usize = 100_000;
@@ -67,6 +74,20 @@ pub(crate) fn recipe(bytes: &[u8]) -> Result<(), String> {
     {
         return refused(why);
     }
+    Ok(())
+}
+
+/// Tensor files (`.bsdf`): what is read is written to the same fields again.
+pub(crate) fn bsdf(bytes: &[u8]) -> Result<(), String> {
+    let fields = match tensor_file::decode(bytes) {
+        Ok(fields) => fields,
+        Err(flaw) => return refused(flaw),
+    };
+    let again = tensor_file::encode(&fields).expect("what was read can be written");
+    let back = tensor_file::decode(&again).expect("what was written can be read");
+    // By their bits: a NaN is a value of this format.
+    let bits = |fields: &[Field]| tensor_file::encode(fields).expect("fields that were read");
+    assert_eq!(bits(&back), again);
     Ok(())
 }
 

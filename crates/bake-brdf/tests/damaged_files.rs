@@ -10,6 +10,7 @@ use bake_brdf::bake::sampling::Shard;
 use bake_brdf::bake::snapshot::{Snapshot, walk_shard};
 use bake_brdf::bake::{Observer, Request, Target, effects_of};
 use bake_brdf::recipe::Recipe;
+use lut_io::tensor_file::{self, Field};
 use readers::{READERS, Reader};
 use std::fs;
 use std::panic::catch_unwind;
@@ -225,6 +226,17 @@ fn seeds(target: &str) -> Vec<Named> {
                 ("one", encode(specimen::plane(&[30.0], 2))),
             ]
         }
+        "bsdf" => {
+            let fields = [
+                Field::u8("description", b"a pearl"),
+                Field::f32("theta_i", &[3], vec![0.0, 0.5, 1.0]),
+                Field::f32("vndf", &[1, 2, 3], vec![0.25; 6]),
+            ];
+            vec![
+                ("fields", tensor_file::encode(&fields).expect("a tensor file")),
+                ("none", tensor_file::encode(&[]).expect("a tensor file")),
+            ]
+        }
         "recipe" => vec![
             text("empty", "{}"),
             ("full", Recipe::default().to_json().to_string().into_bytes()),
@@ -282,6 +294,28 @@ fn made_up(target: &str) -> Vec<Named> {
                     file
                 }),
                 ("png", b"\x89PNG\r\n\x1a\n0000000000".to_vec()),
+            ]
+        }
+        "bsdf" => {
+            let whole = &seeds(target)[0].1;
+            // The first field: its name, its extents.
+            let name = whole.windows(11).position(|w| w == b"description").expect("a name");
+            let hurt = |at: usize, bytes: &[u8]| {
+                let mut file = whole.clone();
+                file[at..at + bytes.len()].copy_from_slice(bytes);
+                file
+            };
+            vec![
+                ("nothing", Vec::new()),
+                ("magic", whole[..14].to_vec()),
+                ("half", whole[..whole.len() / 2].to_vec()),
+                ("many-fields", hurt(14, &u32::MAX.to_le_bytes())),
+                ("long-name", hurt(name - 2, &u16::MAX.to_le_bytes())),
+                ("name-not-utf8", hurt(name, &[0xff; 11])),
+                ("many-dimensions", hurt(name + 11, &u16::MAX.to_le_bytes())),
+                ("unknown-type", hurt(name + 13, &[42])),
+                ("far-offset", hurt(name + 14, &u64::MAX.to_le_bytes())),
+                ("huge-extent", hurt(name + 22, &u64::MAX.to_le_bytes())),
             ]
         }
         "recipe" => vec![

@@ -123,7 +123,9 @@ fn decode_field(bytes: &[u8], rest: &mut &[u8]) -> Result<Field, Flaw> {
     let length = usize::from(u16::from_le_bytes(take(rest)?));
     let (name, after) = rest.split_at_checked(length).ok_or_else(cut_short)?;
     *rest = after;
-    let name = String::from_utf8_lossy(name).into_owned();
+    let name = std::str::from_utf8(name)
+        .map_err(|_| Flaw::new("file", "has a field whose name is not UTF-8"))?
+        .to_owned();
     let dimensions = u16::from_le_bytes(take(rest)?);
     if dimensions > MOST_DIMENSIONS {
         return Err(Flaw::new(
