@@ -12,19 +12,12 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tools" / "compare"))
 
-dr = pytest.importorskip("drjit")
+pytest.importorskip("drjit")
 pytest.importorskip("mitsuba")
+import llvm  # noqa: E402  (it needs drjit)
 
 
-def llvm_missing():
-    try:
-        dr.eval(dr.llvm.Float(1.0) + 1.0)
-    except Exception as error:  # whatever Dr.Jit raises, its text is the reason
-        return f"the comparison harness is NOT TESTED: {str(error).strip()}"
-    return None
-
-
-LLVM_MISSING = llvm_missing()
+LLVM_MISSING = llvm.missing("the comparison harness is")
 
 
 def compare(*args):

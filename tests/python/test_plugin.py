@@ -21,6 +21,7 @@ sys.path.insert(0, str(ROOT / "tools" / "mitsuba"))
 
 dr = pytest.importorskip("drjit")
 mi = pytest.importorskip("mitsuba")
+import llvm  # noqa: E402  (it needs drjit)
 import pearl_mitsuba  # noqa: E402, F401  (before any variant is set: it registers itself when one is)
 
 VARIANTS = [name for name in mi.variants() if name.startswith(("llvm", "scalar"))]
@@ -29,16 +30,7 @@ GREY = [0.7, 0.7, 0.7]
 WAVELENGTHS = [450.0, 510.0, 570.0, 640.0]
 
 
-def llvm_missing():
-    """Why LLVM variants cannot run here, or None."""
-    try:
-        dr.eval(dr.llvm.Float(1.0) + 1.0)
-    except Exception as error:  # whatever Dr.Jit raises, its text is the reason
-        return f"LLVM variants of Mitsuba are NOT TESTED: {str(error).strip()}"
-    return None
-
-
-LLVM_MISSING = llvm_missing()
+LLVM_MISSING = llvm.missing("LLVM variants of Mitsuba are")
 
 
 def use(variant):

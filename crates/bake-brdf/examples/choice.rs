@@ -15,7 +15,6 @@ use bake_brdf::recipe::{AzimuthMode, Recipe};
 use lut_io::Table;
 use lut_io::diff::diff;
 use lut_io::lobe::Interpolant;
-use transport::walk::lanes::Precision;
 
 /// Longest walk that is walked, seconds.
 const PATIENCE: f64 = 2.0;
@@ -80,14 +79,8 @@ fn grid(
     recipe.facets.slope_sd_deg = sigma_deg;
     recipe.azimuth.mode = azimuth;
     let at = |percent: f64| Request {
-        effects: bake::effects_of(&recipe),
-        listed: false,
-        recipe: recipe.clone(),
         incident_deg: incident_deg.to_vec(),
-        target: Target::AccuracyPercent(percent),
-        seed: 1,
-        event_cap: bake::DEFAULT_EVENT_CAP,
-        precision: Precision::Auto,
+        ..Request::new(recipe.clone(), Target::AccuracyPercent(percent))
     };
     let truth = Interpolant::new(bake::doubling(&at(TRUTH_PERCENT), Sides::Above)?);
     for percent in [10.0, 5.0, 2.0, 1.0, 0.1] {

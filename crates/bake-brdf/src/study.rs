@@ -248,13 +248,8 @@ fn request(recipe: &Recipe, incident_deg: &[f64], azimuth: AzimuthMode) -> Reque
     recipe.azimuth.mode = azimuth;
     Request {
         effects: lobe_effects(&recipe),
-        listed: false,
-        recipe,
         incident_deg: incident_deg.to_vec(),
-        target: Target::AccuracyPercent(1.0),
-        seed: 1,
-        event_cap: crate::bake::DEFAULT_EVENT_CAP,
-        precision: Precision::Auto,
+        ..Request::new(recipe, Target::AccuracyPercent(1.0))
     }
 }
 

@@ -1,19 +1,14 @@
 //! The built `bake-brdf`, end to end.
 
+mod built;
+
+use built::tool;
 use lut_io::exr_file;
 use lut_io::lobe::Interpolant;
 use lut_io::table::{Component, Table};
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::Path;
-use std::process::{Command, Output};
-
-fn tool(folder: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_bake-brdf"))
-        .current_dir(folder)
-        .args(args)
-        .output()
-        .expect("the tool starts")
-}
+use std::process::Command;
 
 fn bake(folder: &Path, args: &[&str]) -> Table {
     let output = tool(folder, args);

@@ -8,14 +8,13 @@ mod specimen;
 
 use bake_brdf::bake::sampling::Shard;
 use bake_brdf::bake::snapshot::{Snapshot, walk_shard};
-use bake_brdf::bake::{Observer, Request, Target, effects_of};
+use bake_brdf::bake::{Observer, Request, Target};
 use bake_brdf::recipe::Recipe;
 use lut_io::tensor_file::{self, Field};
 use readers::{READERS, Reader};
 use std::fs;
 use std::panic::catch_unwind;
 use std::path::{Path, PathBuf};
-use transport::walk::lanes::Precision;
 
 /// Mutations tried on each reader in the ordinary tests; the ignored test takes as many as NACRE_EXECUTIONS says.
 const MUTATIONS: u64 = 4_000;
@@ -193,14 +192,10 @@ fn write_the_corpora() {
 fn small_state(paths: u64) -> Snapshot {
     let recipe = Recipe::from_json(r#"{"stack":{"layers":3}}"#).expect("a recipe");
     let request = Request {
-        effects: effects_of(&recipe),
-        recipe,
-        listed: false,
         incident_deg: vec![40.0],
-        target: Target::Paths(paths),
         seed: 3,
         event_cap: 1000,
-        precision: Precision::Auto,
+        ..Request::new(recipe, Target::Paths(paths))
     };
     walk_shard(&request, Shard::WHOLE, &Observer::idle()).expect("a shard")
 }

@@ -10,7 +10,6 @@ use bake_brdf::effects::Effect;
 use bake_brdf::recipe::Recipe;
 use lut_io::table::Table;
 use statrs::distribution::{Binomial, ContinuousCDF as _, Discrete as _, DiscreteCDF as _, Normal};
-use transport::walk::lanes::Precision;
 
 /// Fewest expected paths of a cell that counts as populated.
 const FEWEST: f64 = 100.0;
@@ -18,16 +17,11 @@ const FEWEST: f64 = 100.0;
 const SIGNIFICANCE: f64 = 1e-3;
 
 fn request(incident_deg: &[f64], paths: u64, seed: u64) -> Request {
-    let recipe = Recipe::default();
     Request {
         effects: [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect(),
-        recipe,
-        listed: false,
         incident_deg: incident_deg.to_vec(),
-        target: Target::Paths(paths),
         seed,
-        event_cap: bake::DEFAULT_EVENT_CAP,
-        precision: Precision::Auto,
+        ..Request::new(Recipe::default(), Target::Paths(paths))
     }
 }
 

@@ -1,18 +1,12 @@
 //! Scenes, end to end: plans, bakes, copies, refusals.
 
+mod built;
+
+use built::tool;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-
-fn tool(folder: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_bake-brdf"))
-        .current_dir(folder)
-        .args(args)
-        .output()
-        .expect("the tool starts")
-}
 
 fn json(folder: &Path, args: &[&str]) -> Value {
     let output = tool(folder, &[args, &["--json"]].concat());

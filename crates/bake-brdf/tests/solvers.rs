@@ -1,14 +1,11 @@
 //! Both solvers through the built `bake-brdf`: smooth interfaces, light from below, and the choice between them.
 
+mod built;
+
+use built::tool;
 use lut_io::both_sides::{BothSides, Passage};
 use lut_io::exr_file;
 use lut_io::table::{Solver, Table};
-use std::path::Path;
-use std::process::{Command, Output};
-
-fn tool(folder: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_bake-brdf")).current_dir(folder).args(args).output().unwrap()
-}
 
 /// Bakes a recipe text; the table and what was said on stderr.
 fn bake(recipe: &str, args: &[&str]) -> (Table, String) {

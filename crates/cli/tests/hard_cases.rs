@@ -397,16 +397,10 @@ fn sum(weight: f64, doublings: u32) -> Found {
 }
 
 fn paper(incident_deg: &[f64]) -> Request {
-    let recipe = Recipe::default();
     Request {
         effects: [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect(),
-        recipe,
-        listed: false,
         incident_deg: incident_deg.to_vec(),
-        target: Target::AccuracyPercent(0.01),
-        seed: 1,
-        event_cap: bake::DEFAULT_EVENT_CAP,
-        precision: Precision::Auto,
+        ..Request::new(Recipe::default(), Target::AccuracyPercent(0.01))
     }
 }
 

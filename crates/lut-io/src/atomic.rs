@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Writes `bytes` to `path` so that a reader sees the old file or the whole new one, never a part.
 ///
@@ -18,7 +18,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
         Ok(_) => fs::canonicalize(path)?,
         Err(_) => path.to_owned(),
     };
-    let directory = directory_of(&destination);
+    let directory = folder_of(&destination);
     let mut builder = tempfile::Builder::new();
     builder.prefix(".nacre-").suffix(".part");
     #[cfg(unix)]
@@ -27,22 +27,24 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
         // As any newly created file: the umask takes its share (tempfile alone would make it 0600).
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
-    let mut part = builder.tempfile_in(&directory)?;
+    let mut part = builder.tempfile_in(directory)?;
     part.write_all(bytes)?;
     part.as_file().sync_all()?;
     part.persist(&destination).map_err(|error| error.error)?;
     #[cfg(unix)]
     {
         // The rename itself is durable only once the directory is; not every file system can say so.
-        let _ = fs::File::open(&directory).and_then(|directory| directory.sync_all());
+        let _ = fs::File::open(directory).and_then(|directory| directory.sync_all());
     }
     Ok(())
 }
 
-fn directory_of(path: &Path) -> PathBuf {
+/// The folder of a file; `.` for a bare name.
+#[must_use]
+pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
-        _ => PathBuf::from("."),
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
     }
 }
 

@@ -333,7 +333,7 @@ fn smoothness(table: &Table) -> Finding {
 /// Whether two walks of one recipe differ as their stored errors say: the variance of the standardised differences.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Honesty {
-    /// `interior`, `surface`, or `summaries` (albedo, transmitted, surface share, mean, spread and skewness).
+    /// `interior`, `surface`, or `summaries` (albedo and mean exit angle).
     pub of: &'static str,
     /// Number of differences.
     pub count: usize,

@@ -92,9 +92,16 @@ impl Manners {
     /// # Errors
     /// The system has none to give.
     pub fn pool(&self) -> Result<rayon::ThreadPool, Stop> {
-        let threads = self.threads.unwrap_or(0).into();
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(Stop::failure)
+        pool(self.threads)
     }
+}
+
+/// So many threads, or one per core.
+///
+/// # Errors
+/// The system has none to give.
+pub fn pool(threads: Option<u16>) -> Result<rayon::ThreadPool, Stop> {
+    rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0).into()).build().map_err(Stop::failure)
 }
 
 /// Prints the completion script of a tool.

@@ -80,9 +80,7 @@ pub(super) fn doubling_table(
             let summary = doubling_summary(solution, i, request.incident_deg[i]);
             // The estimate is a total variation: spread over the cells in proportion to their light.
             let relative = 2.0 * summary.accuracy_percent / 100.0;
-            let mut shares = cell_shares(axis, solution, i);
-            restore_single(&mut shares, summary.surface - summary.rehit);
-            let components = shares.map(|share| CellShares {
+            let components = cell_shares(axis, solution, i).map(|share| CellShares {
                 std_error: share.iter().map(|share| relative * share).collect(),
                 count: vec![0; share.len()],
                 share,
@@ -224,25 +222,20 @@ impl CellRule {
 }
 
 /// Share of the incident light in each cell, by component.
+///
+/// The single reflection is scaled to its known share: at θi = 90° its ridge in φ (2pq for slopes p, q) is narrower than
+/// any cell near the horizon, and the rule within cells misses 3 % of it.
 pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize) -> [Vec<f64>; 3] {
-    let rule = CellRule::new(axis, solution.lobes[incidence].theta_i);
+    let lobe = &solution.lobes[incidence];
+    let rule = CellRule::new(axis, lobe.theta_i);
     let basis = solution.basis(&rule.angles, &rule.azimuths);
     let interior = rule.shares(&solution.interior(incidence, &basis));
     let rehit = rule.shares(&solution.rehit(incidence, &basis));
     let single = rule.shares(&solution.single(incidence, &basis));
-    let surface = single.iter().zip(&rehit).map(|(single, rehit)| single + rehit).collect();
+    let integrated: f64 = single.iter().sum();
+    let scale = if integrated > 0.0 { (lobe.surface - lobe.rehit) / integrated } else { 1.0 };
+    let surface = single.iter().zip(&rehit).map(|(single, rehit)| scale * single + rehit).collect();
     [interior, surface, rehit]
-}
-
-/// Scales the single reflection to its known share. At θi = 90° its ridge in φ (2pq for slopes p, q) is narrower than any
-/// cell near the horizon, and the rule within cells misses 3 % of it.
-fn restore_single([_, surface, rehit]: &mut [Vec<f64>; 3], known: f64) {
-    let integrated: f64 = surface.iter().zip(&*rehit).map(|(surface, rehit)| surface - rehit).sum();
-    if integrated > 0.0 {
-        for (surface, rehit) in surface.iter_mut().zip(rehit) {
-            *surface = *rehit + (*surface - *rehit) * known / integrated;
-        }
-    }
 }
 
 /// Points and weights of a Gauss rule repeated in every cell of an axis.
@@ -277,7 +270,8 @@ pub(super) fn table(
         }
         let theta_i = summary.theta_i_deg.to_radians();
         let extents = measure::cell_extents(axis, theta_i);
-        let weights = measure::reading_weights(axis, theta_i, summary.azimuth_width_deg.to_radians());
+        let width = summary.azimuth_width_deg.to_radians();
+        let weights = measure::reading_weights(axis, theta_i, width);
         for (lobe, shares) in lobes.iter_mut().zip(&mut incidence.components) {
             if theta_i == 0.0 {
                 symmetrise(axis, &extents, shares);
@@ -285,8 +279,8 @@ pub(super) fn table(
             push_row(lobe, shares, &extents, &weights);
         }
         let [interior, surface, _] = &incidence.components;
-        let width = summary.azimuth_width_deg.to_radians();
-        rows.push(Row::new(axis, theta_i, width, [&interior.share, &surface.share], incidence.noise));
+        let shares: [&[f64]; 2] = [&interior.share, &surface.share];
+        rows.push(Row::new(theta_i, width, &extents, weights, shares, incidence.noise));
     }
     let summaries: Vec<IncidenceSummary> =
         incidences.into_iter().map(|incidence| incidence.summary).collect();

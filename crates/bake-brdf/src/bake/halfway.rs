@@ -58,16 +58,15 @@ pub(super) struct Row {
 impl Row {
     /// From the shares of the incident light by cell.
     pub(super) fn new(
-        axis: &ExitAxis,
         theta_i: f64,
         width: f64,
+        extents: &[f64],
+        weights: Vec<f64>,
         [interior, surface]: [&[f64]; 2],
         noise: f64,
     ) -> Self {
-        let extents = measure::cell_extents(axis, theta_i);
-        let weights = measure::reading_weights(axis, theta_i, width);
         let values = [interior, surface].map(|share| {
-            let factors = measure::value_factors(share, &extents, &weights);
+            let factors = measure::value_factors(share, extents, &weights);
             share.iter().zip(&factors).map(|(share, factor)| share * factor).collect()
         });
         Self { theta_i, values, width, weights, noise }
@@ -78,7 +77,9 @@ impl Row {
         let lobe = &solution.lobes[incidence];
         let width = azimuth_width_deg(recipe.azimuth.width_deg, lobe.sd.to_degrees()).to_radians();
         let [interior, surface, _] = cell_shares(axis, solution, incidence);
-        Self::new(axis, lobe.theta_i, width, [&interior, &surface], 0.0)
+        let extents = measure::cell_extents(axis, lobe.theta_i);
+        let weights = measure::reading_weights(axis, lobe.theta_i, width);
+        Self::new(lobe.theta_i, width, &extents, weights, [&interior, &surface], 0.0)
     }
 
     fn integral(&self, values: &[f64]) -> f64 {
@@ -228,7 +229,9 @@ mod tests {
         let axis = ExitAxis::Space { theta_cells: 2, phi_cells: 1, width: 0.3 };
         let at = |x: f64| {
             let bend = 1e-4 * x * x;
-            Row::new(&axis, 1e-9 * x, 0.0, [&[0.3 + bend, 0.7 - bend], &[0.0; 2]], 0.0)
+            let (extents, weights) =
+                (measure::cell_extents(&axis, 1e-9 * x), measure::reading_weights(&axis, 1e-9 * x, 0.0));
+            Row::new(1e-9 * x, 0.0, &extents, weights, [&[0.3 + bend, 0.7 - bend], &[0.0; 2]], 0.0)
         };
         let rows = [at(0.0), at(1.0), at(2.0), at(3.0)];
         let truth = at(1.5).missed_by(&axis, &rows[1], &rows[2], [1.0, 0.0]);

@@ -176,6 +176,21 @@ pub fn exit_axis(geometry: Geometry, slope_sd: f64) -> ExitAxis {
 }
 
 impl Request {
+    /// What `bake-brdf RECIPE` bakes: the effects that the recipe's look calls for at the default incidences, with seed 1.
+    #[must_use]
+    pub fn new(recipe: Recipe, target: Target) -> Self {
+        Self {
+            effects: effects_of(&recipe),
+            recipe,
+            listed: false,
+            incident_deg: default_incident_deg(),
+            target,
+            seed: 1,
+            event_cap: DEFAULT_EVENT_CAP,
+            precision: Precision::Auto,
+        }
+    }
+
     /// Checks what the recipe's own checks do not cover.
     ///
     /// # Errors
@@ -263,13 +278,12 @@ impl Request {
         let transport = self.transport()?;
         let geometry = self.geometry();
         let axis = exit_axis(geometry, transport.facets.slope_sd);
-        let theta_i: Vec<f64> = self.incident_deg.iter().map(|angle| angle.to_radians()).collect();
         let sampling = Sampling::new(
             &transport,
             geometry,
             &axis,
             self.recipe.azimuth.width_deg,
-            &theta_i,
+            &self.theta_i(),
             self.seed,
             self.event_cap,
             self.precision,

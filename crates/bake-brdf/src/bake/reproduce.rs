@@ -198,14 +198,10 @@ mod tests {
     fn baked(target: Target, incident_deg: &[f64]) -> Table {
         let recipe = Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap();
         let request = Request {
-            effects: bake::effects_of(&recipe),
-            recipe,
-            listed: false,
             incident_deg: incident_deg.to_vec(),
-            target,
             seed: 5,
             event_cap: 1000,
-            precision: Precision::Auto,
+            ..Request::new(recipe, target)
         };
         bake::walk(&request, &Observer::idle(), None).unwrap()
     }

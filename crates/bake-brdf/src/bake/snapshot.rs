@@ -282,14 +282,10 @@ mod tests {
     fn request(paths: u64) -> Request {
         let recipe = crate::recipe::Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap();
         Request {
-            effects: super::super::effects_of(&recipe),
-            recipe,
-            listed: false,
             incident_deg: vec![0.0, 40.0, 80.0],
-            target: Target::Paths(paths),
             seed: 3,
             event_cap: 1000,
-            precision: Precision::Auto,
+            ..Request::new(recipe, Target::Paths(paths))
         }
     }
 

@@ -315,10 +315,7 @@ pub(super) fn stop(error: BakeError) -> Stop {
 
 /// Finds out that the output cannot be written before the work rather than after it.
 pub(super) fn writable(output: &Path) -> Outcome {
-    let folder = match output.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
+    let folder = lut_io::atomic::folder_of(output);
     let named = |why: String| Stop::failure(format!("{}: cannot be written: {why}", output.display()));
     if output.is_dir() {
         return Err(named("it is a folder; name a file".to_owned()));

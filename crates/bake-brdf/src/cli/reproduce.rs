@@ -24,11 +24,10 @@ pub(super) fn run(path: &Path, manners: &Manners) -> Outcome {
     if stored.meta.solver == Solver::Walk {
         manners::watch_for_interrupts()?;
     }
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(manners.threads.unwrap_or(0).into()).build();
+    let pool = manners.pool()?;
     let started = Instant::now();
-    let again = pool
-        .map_err(Stop::failure)?
-        .install(|| watched(manners, None, |observer| reproduce::bake_again(&stored.meta, observer)))?;
+    let again =
+        pool.install(|| watched(manners, None, |observer| reproduce::bake_again(&stored.meta, observer)))?;
     let seconds = started.elapsed().as_secs_f64();
     let differences = reproduce::differences(&stored, &again);
     // The same table in another encoding (saved again by another program) is no other bake, but worth a word.

@@ -52,7 +52,7 @@ pub(crate) fn run(
         return Err(Stop::BadInput(line));
     }
     writable(&copy)?;
-    let folder = parent(&copy);
+    let folder = lut_io::atomic::folder_of(&copy);
     manners::watch_for_interrupts()?;
     let mut tables = Vec::new();
     for table in &plan.tables {
@@ -83,13 +83,6 @@ fn targets(scene: &Path, output: Option<&Path>, tables: usize) -> Result<(PathBu
         return Ok((output.with_extension("xml"), Some(name)));
     }
     Ok((output.to_owned(), None))
-}
-
-fn parent(path: &Path) -> &Path {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    }
 }
 
 fn same_file(a: &Path, b: &Path) -> bool {

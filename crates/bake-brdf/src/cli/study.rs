@@ -1,8 +1,7 @@
 //! `bake-brdf study`: runs the study, writes `study.json`, `study.csv`, `study.svg`, `study.png`.
 
-use super::manners;
 use bake_brdf::bake;
-use bake_brdf::recipe::{self, AzimuthMode, Recipe};
+use bake_brdf::recipe::AzimuthMode;
 use bake_brdf::study::{self, Contender, Point, Study};
 use kuva::backend::raster::RasterBackend;
 use kuva::backend::svg::SvgBackend;
@@ -28,27 +27,20 @@ pub(crate) struct StudyArgs {
 }
 
 pub(crate) fn run(args: &StudyArgs, manners: &Manners) -> Outcome {
-    let recipe = match &args.recipe {
-        None => Recipe::default(),
-        Some(path) => Recipe::from_json(&manners::read_text(path, recipe::MAX_BYTES)?)
-            .map_err(|why| Stop::BadInput(format!("{}: {why}", path.display())))?,
-    };
+    let (recipe, _) = super::terms::recipe(args.recipe.as_deref())?;
     let incident_deg = match &args.incident_deg {
         None => bake::default_incident_deg(),
         Some(list) => super::bake::angles(list)?,
     };
     let folder = &args.output;
     std::fs::create_dir_all(folder).map_err(|why| Stop::failure(format!("{}: {why}", folder.display())))?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(manners.threads.unwrap_or(0).into()).build();
+    let pool = manners.pool()?;
     let say = |line: &str| {
         if !manners.quiet {
             super::bake::say(line);
         }
     };
-    let study = pool
-        .map_err(Stop::failure)?
-        .install(|| study::run(&recipe, &incident_deg, &say))
-        .map_err(super::bake::stop)?;
+    let study = pool.install(|| study::run(&recipe, &incident_deg, &say)).map_err(super::bake::stop)?;
     let scene = figure(&study);
     let png = RasterBackend::new().with_scale(2.5).render_scene(&scene).map_err(Stop::failure)?;
     let json = serde_json::to_value(&study).map_err(Stop::failure)?;

@@ -1,8 +1,9 @@
 //! A copy of a scene that points at baked tables.
 
-use super::tree::{Element, Key, folder};
+use super::tree::{Element, Key};
 use super::{Baked, Scene};
 use crate::effects::Effect;
+use lut_io::atomic::folder_of;
 use std::collections::HashMap;
 use std::ops::Range;
 use std::path::Path;
@@ -12,7 +13,7 @@ type Edits = HashMap<usize, Vec<(Range<usize>, String)>>;
 
 pub(super) fn of(scene: &Scene, target: &Path, tables: &[Option<Baked>]) -> String {
     let mut edits = Edits::new();
-    let moved = !same_folder(folder(&scene.path), target);
+    let moved = !same_folder(folder_of(&scene.path), target);
     let pearls: HashMap<Key, &Option<Baked>> =
         scene.pearls.iter().map(|pearl| pearl.key).zip(tables).collect();
     edit(scene, &scene.root, &pearls, moved, &mut edits);

@@ -96,6 +96,6 @@ impl Scene {
     /// The folder that relative names in the scene start from.
     #[must_use]
     pub fn folder(&self) -> &Path {
-        tree::folder(&self.path)
+        lut_io::atomic::folder_of(&self.path)
     }
 }

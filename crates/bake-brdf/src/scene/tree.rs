@@ -120,18 +120,10 @@ impl Files {
     }
 }
 
-/// The folder of a file; `.` for a bare name.
-pub(super) fn folder(path: &Path) -> &Path {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    }
-}
-
 /// Loads a scene.
 pub(super) fn load(path: &Path) -> Result<(Files, Element), SceneError> {
     let mut loader = Loader { files: Files::default(), open: Vec::new(), bytes: 0, nodes: MAX_NODES };
-    loader.files.folders.push(folder(path).to_owned());
+    loader.files.folders.push(lut_io::atomic::folder_of(path).to_owned());
     let file = loader.open(path, path.display().to_string()).map_err(SceneError)?;
     let (root, _) = loader.parse(file)?;
     if root.tag != "scene" {

@@ -78,13 +78,7 @@ fn main() -> ExitCode {
 }
 
 fn run(cli: Cli) -> Outcome {
-    if let Some(threads) = cli.manners.threads {
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(usize::from(threads))
-            .build_global()
-            .map_err(Stop::failure)?;
-    }
-    match cli.command {
+    terminal::pool(cli.manners.threads)?.install(|| match cli.command {
         Command::Info(args) => info::run(&args),
         Command::Slice(args) => slice::run(&args),
         Command::Plot(args) => plot::run(&args, cli.manners),
@@ -94,7 +88,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Merge(args) => merge::run(&args),
         Command::Completions { shell } => terminal::completions::<Cli>(shell),
         Command::Man => terminal::manual::<Cli>(),
-    }
+    })
 }
 
 fn stop(error: LutError) -> Stop {

@@ -6,25 +6,19 @@ mod furnace;
 mod preview;
 
 use args::{Cli, Command};
-use terminal::{Outcome, Stop};
+use terminal::Outcome;
 
 fn main() -> std::process::ExitCode {
     terminal::main(run)
 }
 
 fn run(cli: Cli) -> Outcome {
-    if let Some(threads) = cli.manners.threads {
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(usize::from(threads))
-            .build_global()
-            .map_err(Stop::failure)?;
-    }
-    match cli.command {
+    cli.manners.pool()?.install(|| match cli.command {
         Command::Eval(args) => directions::eval(&args),
         Command::Sample(args) => directions::sample(&args),
         Command::Furnace(args) => furnace::run(&args, cli.manners.json),
         Command::Preview(args) => preview::run(&args, &cli.manners),
         Command::Completions { shell } => terminal::completions::<Cli>(shell),
         Command::Man => terminal::manual::<Cli>(),
-    }
+    })
 }
