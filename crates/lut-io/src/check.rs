@@ -324,7 +324,8 @@ fn smoothness(table: &Table) -> Finding {
             }
         }
     }
-    let what = "step of a cell off the cubic through its neighbours, beyond 6 standard errors, share of the largest";
+    let what =
+        "step of a cell off the cubic through its neighbours, beyond 6 standard errors, share of the largest";
     if table.meta.solver == Solver::Walk && table.meta.extra.contains_key(compact::KEY) {
         // What was noise is not known any more.
         return worst.told("smoothness", what);

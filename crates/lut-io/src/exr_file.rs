@@ -18,10 +18,10 @@ use exr::block::UncompressedBlock;
 use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
 use exr::meta::attribute::{AttributeValue, ChannelDescription, LineOrder, SampleType, Text};
 use exr::meta::{BlockDescription, MetaData};
+use exr::prelude::f16;
 use exr::prelude::{
     AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
 };
-use exr::prelude::f16;
 use exr::prelude::{SmallVec, Vec2, WritableImage as _};
 use header::Header;
 use std::fs;

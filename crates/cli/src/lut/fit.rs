@@ -111,7 +111,8 @@ fn permitted(args: &FitArgs) -> Result<f64, Stop> {
 /// Measures what the compact form lost, as it is read back from its bytes, and writes it into its metadata.
 fn state_loss(compact: &mut Compact, lobe: &Interpolant, path: &Path) -> Result<Loss, Stop> {
     let flawed = |flaw: Flaw| Stop::bad_input(format!("{}: {flaw}", path.display()));
-    let decoded = exr_file::encode_compact(compact).and_then(|bytes| exr_file::decode(&bytes)).map_err(flawed)?;
+    let decoded =
+        exr_file::encode_compact(compact).and_then(|bytes| exr_file::decode(&bytes)).map_err(flawed)?;
     let read_back = Interpolant::new(decoded);
     let difference = diff::diff(lobe, &read_back);
     let errors = difference.per_incidence.iter().map(|at| at.total_variation_percent);
@@ -194,7 +195,8 @@ impl Report<'_> {
             "incidences": incidences,
             "error": self.lost,
         });
-        let of_incidence = if args.form == FormArg::Analytic { "coefficients_per_incidence" } else { "cells_per_incidence" };
+        let of_incidence =
+            if args.form == FormArg::Analytic { "coefficients_per_incidence" } else { "cells_per_incidence" };
         report[of_incidence] = numbers.into();
         if let Some(uniform) = self.uniform {
             report["evenly_spaced_total_variation_percent"] = uniform.into();

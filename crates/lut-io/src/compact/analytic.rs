@@ -65,7 +65,8 @@ pub(super) fn check(terms: &[Term], axis: &ExitAxis) -> Result<(), Flaw> {
     match terms.iter().find(wrong) {
         None => Ok(()),
         Some(Term(m, n)) => {
-            let second = if plane { "0 (no azimuth in decay tables)".to_owned() } else { format!("0 to {MAX_ORDER}") };
+            let second =
+                if plane { "0 (no azimuth in decay tables)".to_owned() } else { format!("0 to {MAX_ORDER}") };
             Err(Flaw::new(field(), format!("has [{m}, {n}], expected orders 0 to {MAX_ORDER} and {second}")))
         }
     }
@@ -85,7 +86,9 @@ impl Basis {
         let (columns, rows) = (axis.columns(), axis.rows_per_incidence());
         let centre = |k: usize, count: usize| (k as f64 + 0.5) / count as f64;
         Self {
-            columns: (0..columns).map(|k| chebyshev(2.0 * centre(k, columns) - 1.0, usize::from(most_m))).collect(),
+            columns: (0..columns)
+                .map(|k| chebyshev(2.0 * centre(k, columns) - 1.0, usize::from(most_m)))
+                .collect(),
             rows: (0..rows)
                 .map(|k| chebyshev(centre(k, rows), 2 * usize::from(most_n)).into_iter().step_by(2).collect())
                 .collect(),
@@ -122,25 +125,51 @@ pub(super) fn values(axis: &ExitAxis, terms: &[Term], coefficients: &[f32]) -> V
 /// Coefficients of one component at every incidence of a table, in f32.
 pub(super) fn fit(table: &Table, component: Component, terms: &[Term]) -> Vec<f32> {
     let axis = &table.meta.exit_axis;
-    let basis = Basis::new(axis, terms);
-    let at = |row: &Vec<f64>, column: &Vec<f64>| -> Vec<f64> {
-        terms.iter().map(|t| row[usize::from(t.1)] * column[usize::from(t.0)]).collect()
-    };
-    let basis: Vec<f64> =
-        basis.rows.iter().flat_map(|row| basis.columns.iter().flat_map(move |column| at(row, column))).collect();
+    let basis = cell_terms(axis, terms);
     let mut start = Vec::new();
     let mut all = Vec::with_capacity(terms.len() * table.meta.per_incidence.len());
     for (i, summary) in table.meta.per_incidence.iter().enumerate() {
         let theta_i = summary.theta_i_deg.to_radians();
         let weights = measure::reading_weights(axis, theta_i, summary.azimuth_width_deg.to_radians());
         let values = incidence(table, &table.lobe(component).value, i);
-        all.extend(fit_row(&basis, terms, &weights, values, &mut start));
+        if theta_i == 0.0 {
+            all.extend(fit_upright(axis, terms, &weights, values));
+        } else {
+            all.extend(fit_row(&basis, terms, &weights, values, &mut start));
+        }
     }
     all
 }
 
+/// Every term at every cell, cell-major.
+fn cell_terms(axis: &ExitAxis, terms: &[Term]) -> Vec<f64> {
+    let Basis { columns, rows } = Basis::new(axis, terms);
+    let cells = rows.iter().flat_map(|row| columns.iter().map(move |column| (row, column)));
+    cells
+        .flat_map(|(row, column)| terms.iter().map(|t| row[usize::from(t.1)] * column[usize::from(t.0)]))
+        .collect()
+}
+
+/// At normal incidence nothing distinguishes an azimuth: only terms that do not either (in decay tables those even in the exit
+/// angle) have coefficients.
+fn fit_upright(axis: &ExitAxis, terms: &[Term], weights: &[f64], values: &[f32]) -> Vec<f32> {
+    let round = |t: &Term| match axis {
+        ExitAxis::Plane { .. } => t.0.is_multiple_of(2),
+        ExitAxis::Space { .. } => t.1 == 0,
+    };
+    let kept: Vec<Term> = terms.iter().copied().filter(round).collect();
+    let mut found = fit_row(&cell_terms(axis, &kept), &kept, weights, values, &mut Vec::new()).into_iter();
+    terms.iter().map(|t| if round(t) { found.next().unwrap_or(0.0) } else { 0.0 }).collect()
+}
+
 /// Coefficients of one row of cells; `start` holds those of the row before, shifted to a peak of 1, and takes these.
-fn fit_row(basis: &[f64], orders: &[Term], weights: &[f64], values: &[f32], start: &mut Vec<f64>) -> Vec<f32> {
+fn fit_row(
+    basis: &[f64],
+    orders: &[Term],
+    weights: &[f64],
+    values: &[f32],
+    start: &mut Vec<f64>,
+) -> Vec<f32> {
     let terms = orders.len();
     let peak = f64::from(values.iter().copied().fold(0.0, f32::max));
     let mass: f64 = weights.iter().zip(values).map(|(w, v)| w * f64::from(*v)).sum();
@@ -168,7 +197,8 @@ fn fit_row(basis: &[f64], orders: &[Term], weights: &[f64], values: &[f32], star
     let mut c: Vec<f32> = best.1.into_iter().map(|c| c as f32).collect();
     c[0] += peak.ln() as f32;
     // What rounding to f32 moved.
-    let exponents = basis.chunks_exact(terms).map(|t| t.iter().zip(&c).map(|(t, c)| t * f64::from(*c)).sum::<f64>());
+    let exponents =
+        basis.chunks_exact(terms).map(|t| t.iter().zip(&c).map(|(t, c)| t * f64::from(*c)).sum::<f64>());
     let kept: f64 = exponents.zip(weights).map(|(exponent, w)| w * exponent.exp()).sum();
     if kept > 0.0 && kept.is_finite() {
         c[0] += (mass / kept).ln() as f32;
@@ -298,15 +328,7 @@ mod tests {
                 (0..terms.len()).map(|k| if k == 0 { 1.25 } else { 0.8 / (k * k) as f32 - 0.1 }).collect();
             let lobe = values(&axis, &terms, &coefficients);
             let weights = measure::reading_weights(&axis, 0.6, 0.15);
-            let basis = Basis::new(&axis, &terms);
-            let cells: Vec<f64> = basis
-                .rows
-                .iter()
-                .flat_map(|row| basis.columns.iter().map(move |column| (row, column)))
-                .flat_map(|(row, column)| {
-                    terms.iter().map(|t| row[usize::from(t.1)] * column[usize::from(t.0)]).collect::<Vec<f64>>()
-                })
-                .collect();
+            let cells = cell_terms(&axis, &terms);
             let found = fit_row(&cells, &terms, &weights, &lobe, &mut Vec::new());
             for (found, true_value) in found.iter().zip(&coefficients) {
                 // The lobe is rounded to f32.
@@ -318,9 +340,7 @@ mod tests {
     #[test]
     fn the_fit_keeps_the_share_of_the_light() {
         let terms = terms(&PLANE, 8);
-        let basis = Basis::new(&PLANE, &terms);
-        let cells: Vec<f64> =
-            basis.columns.iter().flat_map(|column| terms.iter().map(|t| column[usize::from(t.0)])).collect();
+        let cells = cell_terms(&PLANE, &terms);
         let weights = measure::reading_weights(&PLANE, 1.1, 0.15);
         // A lobe with a corner, which no polynomial follows.
         let lobe: Vec<f32> = (0..96).map(|k| (-0.2 * (k as f32 - 50.0).abs()).exp()).collect();
@@ -332,15 +352,14 @@ mod tests {
     #[test]
     fn a_lobe_of_a_few_cells_keeps_its_light_too() {
         let terms = terms(&PLANE, 15);
-        let basis = Basis::new(&PLANE, &terms);
-        let cells: Vec<f64> =
-            basis.columns.iter().flat_map(|column| terms.iter().map(|t| column[usize::from(t.0)])).collect();
+        let cells = cell_terms(&PLANE, &terms);
         let weights = measure::reading_weights(&PLANE, 1.4, 0.15);
         for lit in [&[50usize][..], &[0, 95], &[30, 31, 80]] {
             let mut lobe = [0f32; 96];
             lit.iter().for_each(|k| lobe[*k] = 3e-4);
             let fitted = values(&PLANE, &terms, &fit_row(&cells, &terms, &weights, &lobe, &mut Vec::new()));
-            let share = |lobe: &[f32]| -> f64 { weights.iter().zip(lobe).map(|(w, v)| w * f64::from(*v)).sum() };
+            let share =
+                |lobe: &[f32]| -> f64 { weights.iter().zip(lobe).map(|(w, v)| w * f64::from(*v)).sum() };
             assert!((share(&fitted) / share(&lobe) - 1.0).abs() < 1e-5, "{lit:?}");
         }
     }

@@ -128,7 +128,10 @@ impl Compact {
         let axis = self.meta.exit_axis;
         let [interior, surface, rehit] = match &section.form {
             Form::Analytic { terms } => self.samples.map(|coefficients| {
-                coefficients.chunks_exact(terms.len()).flat_map(|row| analytic::values(&axis, terms, row)).collect()
+                coefficients
+                    .chunks_exact(terms.len())
+                    .flat_map(|row| analytic::values(&axis, terms, row))
+                    .collect()
             }),
             Form::Half { exponent } => {
                 let mut component = 0;
@@ -190,7 +193,10 @@ pub(crate) fn section_of(meta: &Meta) -> Result<Section, Flaw> {
         Form::Half { exponent } => {
             let field = format!("{KEY}.form.exponent");
             if exponent.len() != incidences {
-                let problem = format!("has {} entries, expected one for each of the {incidences} incidences", exponent.len());
+                let problem = format!(
+                    "has {} entries, expected one for each of the {incidences} incidences",
+                    exponent.len()
+                );
                 return Err(Flaw::new(field, problem));
             }
             if let Some(wrong) = exponent.iter().flatten().find(|e| !(-200..=127).contains(*e)) {

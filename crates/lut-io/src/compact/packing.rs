@@ -34,9 +34,8 @@ pub(crate) fn pack(schema: &str, json: &str) -> Result<String, Flaw> {
 /// The JSON text of packed metadata; at most [`MAX_META_BYTES`].
 pub(crate) fn unpack(packed: &str) -> Result<Vec<u8>, Flaw> {
     let field = || format!("attribute {ATTRIBUTE} field packed");
-    let deflated = STANDARD
-        .decode(packed)
-        .map_err(|error| Flaw::new(field(), format!("is not base64: {error}")))?;
+    let deflated =
+        STANDARD.decode(packed).map_err(|error| Flaw::new(field(), format!("is not base64: {error}")))?;
     miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(&deflated, MAX_META_BYTES).map_err(|error| {
         Flaw::new(field(), format!("does not inflate to at most {MAX_META_BYTES} bytes: {:?}", error.status))
     })

@@ -104,21 +104,26 @@ fn coarsest(lobe: &Interpolant, percent: f64) -> ExitAxis {
     let all: Vec<usize> = (0..table.meta.per_incidence.len()).collect();
     let fine = table.meta.exit_axis;
     // Cells are judged at some incidences: all would only cost time.
-    let mut some: Vec<usize> = all.iter().copied().step_by(all.len().div_ceil(16)).chain(all.last().copied()).collect();
+    let mut some: Vec<usize> =
+        all.iter().copied().step_by(all.len().div_ceil(16)).chain(all.last().copied()).collect();
     some.dedup();
     let judged = Interpolant::new(resampled(lobe, &fine, &some));
     let mut candidates: Vec<ExitAxis> = match fine {
-        ExitAxis::Plane { cells, width } => {
-            EIGHTHS.iter().filter_map(|e| eighths(cells, *e)).map(|cells| ExitAxis::Plane { cells, width }).collect()
-        }
+        ExitAxis::Plane { cells, width } => EIGHTHS
+            .iter()
+            .filter_map(|e| eighths(cells, *e))
+            .map(|cells| ExitAxis::Plane { cells, width })
+            .collect(),
         ExitAxis::Space { theta_cells, phi_cells, width } => EIGHTHS
             .iter()
             .chain(&[8])
             .filter_map(|e| eighths(theta_cells, *e))
             .flat_map(|theta_cells| {
-                EIGHTHS.iter().chain(&[8]).filter_map(move |e| eighths(phi_cells, *e)).map(move |phi_cells| {
-                    ExitAxis::Space { theta_cells, phi_cells, width }
-                })
+                EIGHTHS
+                    .iter()
+                    .chain(&[8])
+                    .filter_map(move |e| eighths(phi_cells, *e))
+                    .map(move |phi_cells| ExitAxis::Space { theta_cells, phi_cells, width })
             })
             .collect(),
     };
