@@ -641,9 +641,12 @@ mod tests {
         for (at, theta) in angles.into_iter().enumerate() {
             let lanes = TileLanes::new(&solver, &angles, &[], at * LANES, (at + 1) * LANES).unwrap();
             let result = lanes.lossless().unwrap_or_else(|| lanes.complex());
-            for (lane, &wavelength) in wavelengths.iter().enumerate().filter(|(at, _)| lanes.is_suitable(*at)) {
+            for (lane, &wavelength) in wavelengths.iter().enumerate().filter(|(at, _)| lanes.is_suitable(*at))
+            {
                 let film = stack.at(wavelength).unwrap();
-                for pol in Polarisation::BOTH.into_iter().filter(|p| result.doubt[*p as usize].0[lane] <= claim) {
+                for pol in
+                    Polarisation::BOTH.into_iter().filter(|p| result.doubt[*p as usize].0[lane] <= claim)
+                {
                     let robust = film.solve(wavelength, Incidence::Angle(theta), pol).unwrap();
                     let of = |values: &[Lanes; 2]| values[pol as usize].0[lane];
                     worst = worst
