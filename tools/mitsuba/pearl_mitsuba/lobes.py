@@ -515,7 +515,7 @@ def _split(u, first):
 
 
 def _one_minus_exp(z):
-    series = z * (1.0 - z / 2.0 * (1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0))))
+    series = z * (1.0 - (1 / 2) * z * (1.0 - (1 / 3) * z * (1.0 - (1 / 4) * z * (1.0 - (1 / 5) * z))))
     return dr.select(z > 0.03, 1.0 - dr.exp(-z), series)
 
 
