@@ -16,7 +16,6 @@ that was asked for cannot answer at all, 3 a limit is passed.
 
 import argparse
 import json
-import os
 import pathlib
 import subprocess
 import sys
@@ -26,13 +25,9 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tools" / "mitsuba"), str(pathlib.Path(__file__).resolve().parent)]
 
+from tables import CASES, Bad, Tools  # noqa: E402
+
 SCHEMA = "pearl-compare/1"
-#: The tables that are compared: what is baked, and the look of the recipe. The second has no interference colours, for
-#: the walk; its body is dark, so that the lobes show, and grey, as the tools see such a table in grey at single wavelengths.
-CASES = {
-    "pearl": ([], {"depth": 0.5, "coherence": 0.5, "body_rgb": [0.8, 0.78, 0.75]}),
-    "lobes": (["--azimuth", "walk"], {"depth": 0.0, "coherence": 0.0, "body_rgb": [0.1, 0.1, 0.1]}),
-}
 #: Wavelengths of spectral pictures, nm: where the body's spectrum is flat over neighbouring bands.
 BANDS = [450.0, 520.0, 550.0, 640.0]
 #: Relative RMSE and mean of (a) against (b): the interpolation of another program's 64² warped nodes.
@@ -41,44 +36,6 @@ LIMIT_MEASURED = {"relative RMSE": 5e-3, "mean ratio − 1": 1e-3}
 LIMIT_RUST = {"relative RMSE": 1e-4, "mean ratio − 1": 1e-5}
 #: (c) against (b): probability of a χ² over tiles as large as seen, if both estimate the same picture.
 SMALLEST_P = 1e-3
-
-
-class Bad(Exception):
-    """Wrong usage."""
-
-
-class Tools:
-    """The project's tools."""
-
-    def __init__(self, folder):
-        self.folder = folder
-        self.bin = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release")).resolve()
-
-    def path(self, name):
-        path = self.bin / name
-        if not path.is_file():
-            raise Bad(f"{path} is not there: `cargo build --release` makes it, or set NACRE_BIN")
-        return str(path)
-
-    def run(self, name, *args):
-        import ways
-
-        done = subprocess.run([self.path(name), *map(str, args)], capture_output=True, text=True)
-        if done.returncode != 0:
-            raise ways.Refused(f"{name} {args[0]}: {done.stderr.strip()}")
-        return done.stdout
-
-    def meta(self, table):
-        return json.loads(self.run("lut", "info", table, "--json"))
-
-    def bake(self, name, accuracy):
-        extra, look = CASES[name]
-        recipe = pathlib.Path(self.folder) / f"{name}.json"
-        full = {"schema": "pearl-recipe/1", "name": name, "look": {"brightness": 1.0, **look}}
-        recipe.write_text(json.dumps(full))
-        table = recipe.with_suffix(".exr")
-        self.run("bake-brdf", recipe, "--solver", "doubling", "--accuracy", accuracy, "-q", "-o", table, *extra)
-        return table
 
 
 def line(scene, ways, figure, value, limit, kept, **more):
