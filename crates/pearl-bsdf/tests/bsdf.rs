@@ -5,14 +5,12 @@
 #[path = "../../lut-io/tests/specimen/mod.rs"]
 mod specimen;
 
-use lut_io::axis::ExitAxis;
 use lut_io::lobe::Interpolant;
 use lut_io::spectra::{Coherent, Illuminant, Spectra};
 use lut_io::table::{Component, Table};
 use pearl_bsdf::{BsdfError, Components, Controls, Direction, PearlBsdf};
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
-use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 fn incidences() -> Vec<f64> {
@@ -24,14 +22,10 @@ fn tables() -> [Table; 2] {
 }
 
 /// Strong, wavy interference colours: M up to 1/R_incoherent = 2.5, Ê between 0 and 2.
-fn with_spectra(table: Table) -> Table {
-    with_waves(table, 0.11, 0.0)
-}
-
-fn with_waves(mut table: Table, frequency: f64, phase: f64) -> Table {
+fn with_spectra(mut table: Table) -> Table {
     let theta_deg: Vec<f64> = (0..=30).map(|i| 3.0 * f64::from(i)).collect();
     let wavelength_nm: Vec<f64> = (0..7).map(|i| 400.0 + 50.0 * f64::from(i)).collect();
-    let wave = |theta: f64, k: f64| (frequency * theta + 2.1 * k + phase).sin();
+    let wave = |theta: f64, k: f64| (0.11 * theta + 2.1 * k).sin();
     // 1/R_incoherent falls to 1 at grazing.
     let most = |theta: f64| 1.0 + 1.5 * (1.0 - (theta / 90.0).powi(4));
     let rows = |value: &dyn Fn(f64, f64) -> f64| -> Vec<Vec<f64>> {
@@ -84,76 +78,29 @@ fn random_controls(random: &mut StdRng) -> Controls {
     }
 }
 
-/// A pearl of no particular recipe: facets from 0.3° to 20°, any index, facets met either way, interiors that return
-/// between nothing and half of the light, and colours that a stack could have.
-fn random_pearl(random: &mut StdRng) -> Table {
-    let width = 10f64.powf(-2.3 + 1.8 * random.random::<f64>());
-    let axis = if random.random() {
-        ExitAxis::Plane { cells: 48, width }
-    } else {
-        ExitAxis::Space { theta_cells: 24, phi_cells: 16, width }
-    };
-    let mut table = specimen::table(&[0.0, 15.0, 30.0, 45.0, 60.0, 70.0, 80.0, 85.0, 90.0], axis);
-    let model = &mut table.meta.surface_model;
-    model.slope_sd = width;
-    model.n_first = 1.1 + 1.4 * random.random::<f64>();
-    model.normals = if random.random() { "visible" } else { "unweighted" }.to_owned();
-    // The specimen's interior returns at most 0.34, its surface the more the lower.
-    let gain = 1.5 * random.random::<f64>();
-    let lobe = &mut table.interior;
-    lobe.value.iter_mut().chain(&mut lobe.std_error).for_each(|value| *value *= gain as f32);
-    for summary in &mut table.meta.per_incidence {
-        let interior = specimen::interior_albedo(summary.theta_i_deg.to_radians());
-        summary.albedo += (gain - 1.0) * interior;
-        summary.transmitted -= (gain - 1.0) * interior;
-    }
-    let (frequency, phase) = (0.02 + 0.3 * random.random::<f64>(), TAU * random.random::<f64>());
-    with_waves(table, frequency, phase)
-}
-
-/// The largest albedo of any channel, and the smallest, at a few angles, from either side.
-fn extremes(bsdf: &PearlBsdf, random: &mut StdRng) -> (f64, f64) {
-    let mut range = (0.0f64, f64::INFINITY);
-    for _ in 0..3 {
-        let theta = FRAC_PI_2 * random.random::<f64>().powf(0.5).min(0.9999);
-        for parts in [bsdf.directional_albedo(theta), bsdf.directional_albedo_seen(theta)] {
-            for c in 0..3 {
-                let albedo: f64 = parts.iter().map(|rgb| rgb[c]).sum();
-                range = (range.0.max(albedo), range.1.min(albedo));
+#[test]
+fn no_channel_reflects_more_than_it_receives_whatever_the_controls() {
+    let mut random = StdRng::seed_from_u64(11);
+    for table in tables().map(with_spectra) {
+        for round in 0..12 {
+            let mut controls = random_controls(&mut random);
+            if round % 3 == 0 {
+                // Where limits bite.
+                (controls.body_rgb, controls.depth) = ([1.0; 3], 1.0);
+            }
+            let bsdf = bsdf(&table, controls);
+            for _ in 0..6 {
+                let theta = FRAC_PI_2 * random.random::<f64>().powf(0.5);
+                for parts in [bsdf.directional_albedo(theta), bsdf.directional_albedo_seen(theta)] {
+                    for c in 0..3 {
+                        let albedo: f64 = parts.iter().map(|rgb| rgb[c]).sum();
+                        // The bound of the interface: 1 + 1e-4.
+                        assert!(albedo <= 1.0 + 1e-4, "{controls:?} {theta}: {albedo}");
+                    }
+                }
             }
         }
     }
-    range
-}
-
-/// Furnace over random pearls and controls: no channel above 1 + 1e-4 (the bound of the issue), for light from one
-/// direction and for a viewer in a white surrounding; and at least 0.98 where the body is white and nothing is tinted.
-fn assert_no_gain_and_no_loss(pearls: u64) {
-    let worst = (0..pearls).into_par_iter().map(|seed| {
-        let mut random = StdRng::seed_from_u64(seed);
-        let table = random_pearl(&mut random);
-        let controls = random_controls(&mut random);
-        let (most, _) = extremes(&bsdf(&table, controls), &mut random);
-        assert!(most <= 1.0 + 1e-4, "seed {seed}, {controls:?}: {most}");
-        let white = Controls { depth: 0.0, body_rgb: [1.0; 3], ..controls };
-        let (more, least) = extremes(&bsdf(&table, white), &mut random);
-        assert!(more <= 1.0 + 1e-4 && least >= 0.98, "seed {seed}, {white:?}: {least} to {more}");
-        (most.max(more), least)
-    });
-    let (most, least) = worst.reduce(|| (0.0, 1.0), |a, b| (a.0.max(b.0), a.1.min(b.1)));
-    eprintln!("{pearls} pearls: largest albedo {most}, smallest of a white body {least}");
-}
-
-#[test]
-fn no_channel_reflects_more_than_it_receives_whatever_pearl_and_controls() {
-    assert_no_gain_and_no_loss(60);
-}
-
-/// Ten thousand: a minute or two on two cores.
-#[test]
-#[ignore = "the same as above, over ten thousand pearls"]
-fn no_channel_of_ten_thousand_pearls_reflects_more_than_it_receives() {
-    assert_no_gain_and_no_loss(10_000);
 }
 
 /// What a viewer sees of a white surrounding, against the mean of eval_seen/pdf over samples: 5 standard errors.
