@@ -40,6 +40,11 @@ def _base(types, derived):
     return np.where(derived.left > 1e-12, 1.0 / (_PI * np.maximum(derived.left, 1e-12)), 0.0)
 
 
+def _limits(types, limit):
+    """Whether the first term has to be limited anywhere; where it has not, nothing is read."""
+    return bool(dr.any(dr.detach(limit) < 1.0)) if types.jit else bool((np.asarray(limit) < 1.0).any())
+
+
 class Channels:
     """One or three channels, each read by itself (rgb, mono; tables without colour)."""
 
@@ -51,9 +56,8 @@ class Channels:
         channel = np.minimum(np.arange(width), self.count - 1)
         places = channel * curves.NODES + _NODES[:, None]
         store = lambda flat: types.rearranged(flat, places, width)  # noqa: E731
-        self.rest, self.limit, self.factor, self.illuminant = map(
-            store, (derived.rest, derived.limit, derived.factor, derived.illuminant)
-        )
+        self.rest, self.factor, self.illuminant = map(store, (derived.rest, derived.factor, derived.illuminant))
+        self.limit = store(derived.limit) if _limits(types, derived.limit) else None
         self.base = types.rearranged(_base(types, derived), channel[None], width)
 
     def shade(self, light, places, view, body, wavelengths, active):
@@ -61,9 +65,9 @@ class Channels:
         at_i, at_o, at_d = places
         read = lambda store, place: store.between(*place, active)  # noqa: E731
         scale = self.base.read(self.types.UInt32(0), active)
+        limit = read(self.limit, at_i) if self.limit else [1.0] * self.count
         records = (
-            read(self.rest, at_i), read(self.rest, at_o), read(self.limit, at_i), read(self.factor, at_d),
-            read(self.illuminant, places[view]),
+            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.illuminant, places[view])
         )  # fmt: skip
         asked = range(self.count) if wavelengths is None else [0] * len(wavelengths)
         return [
@@ -82,9 +86,8 @@ class Bands:
         node = np.minimum(_NODES[:, None] + np.array([0, 1, 0, 1]), curves.STEPS)
         band = np.arange(self.last)[:, None, None] + np.array([0, 0, 1, 1])
         store = lambda flat: types.rearranged(flat, band * curves.NODES + node, 4)  # noqa: E731
-        self.rest, self.limit, self.factor, self.illuminant = map(
-            store, (derived.rest, derived.limit, derived.factor, derived.illuminant)
-        )
+        self.rest, self.factor, self.illuminant = map(store, (derived.rest, derived.factor, derived.illuminant))
+        self.limit = store(derived.limit) if _limits(types, derived.limit) else None
         low = np.arange(self.last)[:, None]
         self.base = types.rearranged(_base(types, derived), low + np.array([0, 1]), 2)
 
@@ -103,9 +106,9 @@ class Bands:
 
         at_i, at_o, at_d = places
         scales = self.base.read(band, active)
+        limit = read(self.limit, at_i) if self.limit else (1.0, 1.0)
         records = (
-            read(self.rest, at_i), read(self.rest, at_o), read(self.limit, at_i), read(self.factor, at_d),
-            read(self.illuminant, places[view]),
+            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.illuminant, places[view])
         )  # fmt: skip
         below, above = (
             light.coloured(body, scale, *(record[k] for record in records)) for k, scale in enumerate(scales)
