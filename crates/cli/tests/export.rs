@@ -310,7 +310,7 @@ fn what_cannot_be_exported_is_refused_in_one_line_and_harms_nothing() {
         (&[table, "-o", old_path], 2, "--to"),
         (&[table, "--to", "merl"], 2, "--output"),
         (&[damaged, "--to", "merl", "-o", old_path], 2, "damaged.exr"),
-        (&[absent.to_str().unwrap(), "--to", "merl", "-o", old_path], 1, "absent.exr"),
+        (&[absent.to_str().unwrap(), "--to", "merl", "-o", old_path], 2, "absent.exr"),
         (&[table, "--to", "merl", "-o", nowhere.to_str().unwrap()], 1, "no/such"),
     ];
     for (args, code, word) in cases {

@@ -163,6 +163,10 @@ impl Polarisation {
 /// √w on the branch Im ≥ 0, Re ≥ 0 where Im = 0, each component to full relative accuracy.
 #[must_use]
 pub fn sqrt_upper(w: Complex64) -> Complex64 {
+    if w.im == 0.0 {
+        let root = w.re.abs().sqrt();
+        return if w.re >= 0.0 { Complex64::new(root, 0.0) } else { Complex64::new(0.0, root) };
+    }
     let size = w.re.abs().max(w.im.abs());
     let Some(exponent) = exponent_of(size) else {
         return if size == 0.0 { Complex64::new(0.0, 0.0) } else { w.sqrt() };
@@ -304,6 +308,9 @@ pub(crate) fn cos_and_sinc(phase: Phase) -> (Complex64, Complex64) {
     let delta = phase.value();
     let (a, b) = (delta.re, delta.im);
     let (sin, cos) = phase.sin_cos();
+    if b == 0.0 && a.abs() >= 1e-2 {
+        return (Complex64::new(cos, 0.0), Complex64::new(sin / a, 0.0));
+    }
     let less = -(-2.0 * b).exp_m1() / 2.0; // (1 − e^-2b)/2
     let more = 1.0 - less; //                  (1 + e^-2b)/2
     let cosine = Complex64::new(cos * more, -sin * less);
