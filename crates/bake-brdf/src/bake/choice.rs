@@ -4,8 +4,8 @@
 //! paths that a few scouts find it needs; both are priced in seconds of the same core. So the choice, and with it the bytes
 //! of the table, depend on the request alone: not on the machine, its load, or the number of threads.
 //!
-//! The prices are fitted to measured bakes by `cargo run --release -p bake-brdf --example choice_fit`; `--example choice` tries
-//! the choice on requests that the fit has not seen.
+//! The prices are fitted to measured bakes, as `cargo run --release -p bake-brdf --example choice -- --fit` does; without `--fit` it
+//! tries the choice on requests that the fit has not seen.
 
 use super::halfway::{self, Auxiliary};
 use super::{BakeError, COARSEST_DOUBLING, Request, SolverChoice, Target, exit_axis, sampling, walk_only};
@@ -20,19 +20,19 @@ pub const ROWS: [&str; 2] = ["row", "basis value in a row"];
 /// What a walk is counted in: crossings (weighted by the effects they carry), paths, and rows of the table.
 pub const WALKED: [&str; 3] = ["crossing", "path", "row"];
 
-/// Seconds of one AVX-512 core for each of [`ROWS`].
+/// Seconds of one AVX-512 core for each of [`ROWS`]; what a row takes by itself is in the price of an incidence.
 const fn row_prices(geometry: Geometry) -> [f64; ROWS.len()] {
     match geometry {
-        Geometry::Plane => [1e-4, 1e-9],
-        Geometry::Space => [1e-3, 1e-9],
+        Geometry::Plane => [0.0, 3.2e-8],
+        Geometry::Space => [0.0, 1e-8],
     }
 }
 
 /// Seconds of one AVX-512 core for each of [`WALKED`].
 const fn walk_prices(geometry: Geometry) -> [f64; WALKED.len()] {
     match geometry {
-        Geometry::Plane => [1.5e-9, 1.5e-7, 1e-4],
-        Geometry::Space => [1.8e-9, 1.5e-7, 1e-3],
+        Geometry::Plane => [1.95e-9, 2.9e-8, 3.6e-3],
+        Geometry::Space => [2.2e-9, 3.1e-8, 4.5e-3],
     }
 }
 

@@ -19,13 +19,13 @@ const LONGEST_PLAN: f64 = 120.0;
 pub const OPERATIONS: [&str; 5] =
     ["multiply-add of a facet", "facet", "product", "incidence", "grazing incidence"];
 
-/// Seconds of one AVX-512 core that each of [`OPERATIONS`] takes, fitted to whole bakes: `cargo run --release -p bake-brdf
-/// --example choice_fit` prints them.
+/// Seconds of one AVX-512 core that each of [`OPERATIONS`] takes, fitted to whole bakes (as
+/// `cargo run --release -p bake-brdf --example choice -- --fit` does).
 #[must_use]
 pub const fn prices(geometry: Geometry) -> [f64; OPERATIONS.len()] {
     match geometry {
-        Geometry::Plane => [2e-9, 0.0, 6e-11, 1e-4, 0.0],
-        Geometry::Space => [6e-11, 2e-7, 6e-11, 1.3e-3, 6e-3],
+        Geometry::Plane => [8.5e-10, 1.8e-7, 6.8e-11, 3.9e-4, 0.0],
+        Geometry::Space => [1.2e-11, 3e-7, 5e-11, 5e-4, 1.4e-2],
     }
 }
 
