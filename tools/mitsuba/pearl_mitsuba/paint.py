@@ -1,0 +1,115 @@
+"""What the derived curves make of the light of the lobes and of the body, channel by channel.
+
+All curves of one place are read together: a record holds all channels at a node, or two neighbouring bands at two
+neighbouring nodes.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import numpy as np
+
+from . import curves
+
+_PI = float(np.pi)
+_NODES = np.arange(curves.NODES)
+
+
+@dataclass
+class Light:
+    """What is reflected, short of all colour: the lobes, cos θo for the base, and the shares of the base's two parts."""
+
+    lobe: object
+    cos_o: object
+    diffuse: object
+    incoherent: object
+
+    def coloured(self, body, base, rest_i, rest_o, limit, factor, illuminant):
+        """f·cos θo in one channel; base: scale and colour of its light (`_base`)."""
+        scale, colour = base
+        matte = body * scale / dr.maximum(body * colour, 1.0) * rest_i * rest_o * self.cos_o
+        return self.lobe * factor * limit + matte * (self.diffuse + self.incoherent * illuminant)
+
+
+def _base(types, derived):
+    """Per channel 1/(π(1 − A_avg)), 0 where nothing is left for the base, and the colour that the base sends out."""
+    if types.jit:
+        scale = dr.select(derived.left > 1e-12, 1.0 / (_PI * dr.maximum(derived.left, 1e-12)), 0.0)
+        return dr.concat([scale, derived.base_colour])
+    scale = np.where(derived.left > 1e-12, 1.0 / (_PI * np.maximum(derived.left, 1e-12)), 0.0)
+    return np.concatenate([scale, derived.base_colour])
+
+
+class Channels:
+    """One or three channels, each read by itself (rgb, mono; tables without colour)."""
+
+    def __init__(self, types, derived, _bands):
+        self.types = types
+        self.count = len(derived.left)
+        width = 1 if self.count == 1 else 4
+        # A fourth channel fills the record: it repeats the third.
+        channel = np.minimum(np.arange(width), self.count - 1)
+        places = channel * curves.NODES + _NODES[:, None]
+        store = lambda flat: types.rearranged(flat, places, width)  # noqa: E731
+        self.rest, self.limit, self.factor, self.illuminant = map(
+            store, (derived.rest, derived.limit, derived.factor, derived.illuminant)
+        )
+        self.base = types.rearranged(_base(types, derived), np.stack([channel, channel + self.count]), width)
+
+    def shade(self, light, places, view, body, wavelengths, active):
+        """Values of all channels. places: of θi, θo and θd; view: which of them looks at the surface."""
+        at_i, at_o, at_d = places
+        read = lambda store, place: store.between(*place, active)  # noqa: E731
+        scale, colour = (self.base.read(self.types.UInt32(k), active) for k in (0, 1))
+        records = (
+            read(self.rest, at_i), read(self.rest, at_o), read(self.limit, at_i), read(self.factor, at_d),
+            read(self.illuminant, places[view]),
+        )  # fmt: skip
+        asked = range(self.count) if wavelengths is None else [0] * len(wavelengths)
+        return [
+            light.coloured(body[k], (scale[c], colour[c]), *(record[c] for record in records)) for k, c in enumerate(asked)
+        ]
+
+
+class Bands:
+    """Many bands, read at any wavelength: mixed between the two around it, constant beyond the ends."""
+
+    def __init__(self, types, derived, bands):
+        self.types = types
+        self.first, self.last = float(bands[0]), len(bands) - 1
+        self.per_nm = float(self.last / (bands[-1] - bands[0]))
+        # Records of one place: a band at a node and at the next, then the band above.
+        node = np.minimum(_NODES[:, None] + np.array([0, 1, 0, 1]), curves.STEPS)
+        band = np.arange(self.last)[:, None, None] + np.array([0, 0, 1, 1])
+        store = lambda flat: types.rearranged(flat, band * curves.NODES + node, 4)  # noqa: E731
+        self.rest, self.limit, self.factor, self.illuminant = map(
+            store, (derived.rest, derived.limit, derived.factor, derived.illuminant)
+        )
+        low = np.arange(self.last)[:, None]
+        count = self.last + 1
+        self.base = types.rearranged(_base(types, derived), low + np.array([0, count, 1, count + 1]), 4)
+
+    def shade(self, light, places, view, body, wavelengths, active):
+        """Values at the wavelengths. places: of θi, θo and θd; view: which of them looks at the surface."""
+        return [self._at(light, places, view, body[k], wavelengths[k], active) for k in range(len(wavelengths))]
+
+    def _at(self, light, places, view, body, nm, active):
+        x = dr.clip((nm - self.first) * self.per_nm, 0.0, float(self.last))
+        band = dr.minimum(self.types.floor(x), self.last - 1)
+
+        def read(store, place):
+            index, fraction = place
+            a, b, c, d = store.read(band * curves.NODES + index, active)
+            return dr.fma(fraction, b - a, a), dr.fma(fraction, d - c, c)
+
+        at_i, at_o, at_d = places
+        scale, colour, scale_above, colour_above = self.base.read(band, active)
+        records = (
+            read(self.rest, at_i), read(self.rest, at_o), read(self.limit, at_i), read(self.factor, at_d),
+            read(self.illuminant, places[view]),
+        )  # fmt: skip
+        below, above = (
+            light.coloured(body, base, *(record[k] for record in records))
+            for k, base in enumerate([(scale, colour), (scale_above, colour_above)])
+        )
+        return dr.fma(x - self.types.Float(band), above - below, below)
