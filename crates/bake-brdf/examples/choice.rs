@@ -244,7 +244,7 @@ fn fit(clock: Clock, azimuths: &[AzimuthMode]) -> Result<()> {
             }
         }
         let doubling = samples.iter().filter_map(|sample| {
-            Some((([&sample.counts.doubling[..], &sample.counts.rows].concat()), sample.doubling?))
+            Some(([&sample.counts.doubling[..], &sample.counts.rows].concat(), sample.doubling?))
         });
         let (by_doubling, misfit) = least_squares(&doubling.collect::<Vec<_>>());
         println!("{azimuth:?}, doubling: fit within {misfit:.2} (rms of the ratio)");

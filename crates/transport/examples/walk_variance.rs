@@ -57,7 +57,7 @@ fn explained_by_first_facet(geometry: Geometry, theta_i: f64, pairs: u64) -> (f6
     let pearl = Transport::paper();
     let walk = Reference::new(&pearl, geometry);
     let mut random = StdRng::seed_from_u64(20_261_126);
-    let (mut counts, mut together) = (vec![0.0; CELLS], 0.0);
+    let (mut counts, mut together) = (vec![0.0_f64; CELLS], 0.0_f64);
     for _ in 0..pairs {
         let [a, b] = walk.twins(theta_i, &mut random).map(|end| cell_of(geometry, &end));
         a.into_iter().chain(b).for_each(|cell| counts[cell] += 1.0);
@@ -65,7 +65,7 @@ fn explained_by_first_facet(geometry: Geometry, theta_i: f64, pairs: u64) -> (f6
     }
     let n = pairs as f64;
     let shares = counts.iter().map(|count| count / (2.0 * n));
-    let (sum, squares) = shares.fold((0.0, 0.0), |(sum, squares), p| (sum + p, squares + p * p));
+    let (sum, squares) = shares.fold((0.0_f64, 0.0_f64), |(sum, squares), p| (sum + p, squares + p * p));
     let variance = sum - squares;
     ((together / n - squares) / variance, (together / n * (1.0 - together / n) / n).sqrt() / variance)
 }
