@@ -1,28 +1,82 @@
 //! `--solver auto`: the cheaper solver, by counting operations.
 //!
-//! Nothing is timed. The doubling's cost comes from [`Settings::cost`], the walk's from the crossings and
-//! paths that a few scouts find it needs; both in seconds of the same core. So the choice, and with it the bytes of the
-//! table, depend on the request alone: not on the machine, its load, or the number of threads.
+//! Nothing is timed. What doubling does is counted by [`Settings::cost`], what the walk does by the crossings and
+//! paths that a few scouts find it needs; both are priced in seconds of the same core. So the choice, and with it the bytes
+//! of the table, depend on the request alone: not on the machine, its load, or the number of threads.
+//!
+//! The prices are fitted to measured bakes, as `cargo run --release -p bake-brdf --example choice -- --fit` does; without `--fit` it
+//! tries the choice on requests that the fit has not seen.
 
-use super::{BakeError, COARSEST_DOUBLING, Request, SolverChoice, Target, sampling, walk_only};
-use transport::doubling::Settings;
+use super::halfway::{self, Auxiliary};
+use super::{BakeError, COARSEST_DOUBLING, Request, SolverChoice, Target, exit_axis, sampling, walk_only};
+use lut_io::axis::ExitAxis;
+use transport::doubling::{OPERATIONS, Settings, prices};
 use transport::walk::lanes::Precision;
 use transport::{Geometry, Normals, Transport};
 
-/// Nanoseconds of one AVX-512 core a crossing (32 bits, no effect), and a path: its start, its end and its place in the
-/// tally. `docs/WALK.md`, "Speed".
-const PLANE_CROSSING: f64 = 1.5;
-const SPACE_CROSSING: f64 = 1.8;
-const PATH: f64 = 150.0;
+/// What making rows of a table from a solution is counted in: incidences, half-way ones included, and values that
+/// basis functions take in cells.
+pub const ROWS: [&str; 2] = ["row", "basis value in a row"];
+/// What a walk is counted in: crossings (weighted by the effects they carry), paths, and rows of the table.
+pub const WALKED: [&str; 3] = ["crossing", "path", "row"];
+
+/// Seconds of one AVX-512 core for each of [`ROWS`]; what a row takes by itself is in the price of an incidence.
+const fn row_prices(geometry: Geometry) -> [f64; ROWS.len()] {
+    match geometry {
+        Geometry::Plane => [0.0, 3.2e-8],
+        Geometry::Space => [0.0, 1e-8],
+    }
+}
+
+/// Seconds of one AVX-512 core for each of [`WALKED`].
+const fn walk_prices(geometry: Geometry) -> [f64; WALKED.len()] {
+    match geometry {
+        Geometry::Plane => [1.95e-9, 2.9e-8, 3.6e-3],
+        Geometry::Space => [2.2e-9, 3.1e-8, 4.5e-3],
+    }
+}
+
 /// Factors of the effects on a crossing (`bake-brdf study`).
 const DOUBLE_PRECISION: f64 = 1.8;
 const VISIBLE: f64 = 1.4;
 const ABSORBING: f64 = 1.2;
-/// Seconds that an incidence's lobe takes to become a row of the table, doubling.
-const PLANE_ROW: f64 = 1e-4;
-const SPACE_ROW: f64 = 2e-3;
-/// What the second, coarser resolution of doubling adds to the first.
-const ERROR_ESTIMATE: f64 = 0.6;
+
+/// What either solver has to do for a request.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Counts {
+    /// Doubling: [`OPERATIONS`] of the solution and of the coarser one that estimates its error.
+    pub doubling: [f64; OPERATIONS.len()],
+    /// Doubling: [`ROWS`].
+    pub rows: [f64; ROWS.len()],
+    /// Walk: [`WALKED`].
+    pub walk: [f64; WALKED.len()],
+    /// Walk: [`OPERATIONS`] and [`ROWS`] of the doubling that measures its error half-way between incidences.
+    pub beside_walk: [f64; OPERATIONS.len() + ROWS.len()],
+}
+
+impl Counts {
+    /// Seconds of one core that doubling takes.
+    fn doubling_seconds(&self, geometry: Geometry) -> f64 {
+        solver_seconds(geometry, &self.doubling) + dot(&self.rows, &row_prices(geometry))
+    }
+
+    /// Seconds of one core that the walk takes.
+    fn walk_seconds(&self, geometry: Geometry) -> f64 {
+        let (solver, rows) = self.beside_walk.split_at(OPERATIONS.len());
+        dot(&self.walk, &walk_prices(geometry))
+            + dot(solver, &prices(geometry))
+            + dot(rows, &row_prices(geometry))
+    }
+}
+
+/// Seconds of one core that so many [`OPERATIONS`] take.
+pub(super) fn solver_seconds(geometry: Geometry, counts: &[f64]) -> f64 {
+    dot(counts, &prices(geometry))
+}
+
+fn dot(counts: &[f64], prices: &[f64]) -> f64 {
+    counts.iter().zip(prices).map(|(count, price)| count * price).sum()
+}
 
 /// Which solver is cheaper for a request, and why in one sentence.
 ///
@@ -41,13 +95,13 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
     if transport.facets.slope_sd == 0.0 {
         return Ok((SolverChoice::Doubling, "smooth interfaces have a closed form".to_owned()));
     }
-    let share = (percent / 100.0).min(COARSEST_DOUBLING);
-    let settings = Settings::for_accuracy(&transport, request.geometry(), share);
-    if let Err(why) = settings.check(&transport, request.geometry(), &request.theta_i()) {
+    let geometry = request.geometry();
+    let settings = settings(&transport, geometry, percent / 100.0);
+    if let Err(why) = settings.check(&transport, geometry, &request.theta_i()) {
         return Ok((SolverChoice::Walk, format!("doubling is out of reach here: {why}")));
     }
-    let by_doubling = doubling_seconds(request, &transport, &settings);
-    let by_walk = walk_seconds(request, &transport, percent / 100.0)?;
+    let counts = counts(request)?;
+    let (by_doubling, by_walk) = (counts.doubling_seconds(geometry), counts.walk_seconds(geometry));
     let choice = if by_doubling <= by_walk { SolverChoice::Doubling } else { SolverChoice::Walk };
     let reason = format!(
         "doubling would take about {by_doubling:.2} s of one core, with {} nodes, the walk {by_walk:.2} s",
@@ -56,29 +110,72 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
     Ok((choice, reason))
 }
 
-/// Seconds of one core that doubling takes, its error estimate and the table included.
-fn doubling_seconds(request: &Request, transport: &Transport, settings: &Settings) -> f64 {
-    let geometry = request.geometry();
-    let incidences = request.incident_deg.len();
-    let row = if geometry == Geometry::Plane { PLANE_ROW } else { SPACE_ROW };
-    (1.0 + ERROR_ESTIMATE) * settings.cost(transport, geometry, incidences).seconds + row * incidences as f64
+/// What either solver would do for a request that both can answer.
+///
+/// # Errors
+/// A bad request, or one for paths or time.
+pub fn counts(request: &Request) -> Result<Counts, BakeError> {
+    request.check()?;
+    let Target::AccuracyPercent(percent) = request.target else {
+        return Err(BakeError::Input(super::NO_PATHS.to_owned()));
+    };
+    let (transport, geometry) = (request.transport()?, request.geometry());
+    let effort = sampling::scout(request, percent / 100.0)?;
+    let settings = settings(&transport, geometry, percent / 100.0);
+    let axis = exit_axis(geometry, transport.facets.slope_sd);
+    let auxiliary = Auxiliary::of(&transport, geometry, &request.theta_i(), effort.crossings);
+    let mut beside_walk = [0.0; OPERATIONS.len() + ROWS.len()];
+    if let Some(auxiliary) = auxiliary {
+        let (solver, rows) = beside_walk.split_at_mut(OPERATIONS.len());
+        solver.copy_from_slice(&auxiliary.cost.counts);
+        rows.copy_from_slice(&row_counts(&axis, &auxiliary.settings, auxiliary.incidences()));
+    }
+    Ok(Counts {
+        doubling: doubling_counts(request, &transport, percent / 100.0),
+        rows: row_counts(&axis, &settings, solved_incidences(request)),
+        walk: [
+            crossing_weight(request, &transport) * effort.crossings,
+            effort.paths,
+            request.incident_deg.len() as f64,
+        ],
+        beside_walk,
+    })
 }
 
-/// Seconds of one core that a walk to `accuracy` (a share) takes.
-fn walk_seconds(request: &Request, transport: &Transport, accuracy: f64) -> Result<f64, BakeError> {
-    let effort = sampling::scout(request, accuracy)?;
-    let mut crossing = match request.geometry() {
-        Geometry::Plane => PLANE_CROSSING,
-        Geometry::Space => SPACE_CROSSING,
-    };
-    if request.precision.resolve(transport) == Precision::F64 {
-        crossing *= DOUBLE_PRECISION;
-    }
-    if transport.facets.normals == Normals::Visible {
-        crossing *= VISIBLE;
-    }
-    if transport.absorbs() {
-        crossing *= ABSORBING;
-    }
-    Ok(1e-9 * (crossing * effort.crossings + PATH * effort.paths))
+/// The settings that doubling starts with.
+pub(super) fn settings(transport: &Transport, geometry: Geometry, accuracy: f64) -> Settings {
+    Settings::for_accuracy(transport, geometry, accuracy.min(COARSEST_DOUBLING))
+}
+
+/// Incidences that doubling solves: those asked for, and some half-way between them.
+fn solved_incidences(request: &Request) -> usize {
+    request.incident_deg.len() + halfway::intervals(&request.theta_i()).len()
+}
+
+/// [`OPERATIONS`] of doubling to `accuracy` (a share), its error estimate included.
+pub(super) fn doubling_counts(
+    request: &Request,
+    transport: &Transport,
+    accuracy: f64,
+) -> [f64; OPERATIONS.len()] {
+    let settings = settings(transport, request.geometry(), accuracy);
+    let [fine, coarse] = [settings, settings.coarser()]
+        .map(|settings| settings.cost(transport, request.geometry(), solved_incidences(request)).counts);
+    std::array::from_fn(|i| fine[i] + coarse[i])
+}
+
+/// [`ROWS`] of a table of so many solved incidences.
+fn row_counts(axis: &ExitAxis, settings: &Settings, incidences: usize) -> [f64; ROWS.len()] {
+    // In space modes are summed at each node and cell.
+    let modes = if matches!(axis, ExitAxis::Space { .. }) { settings.modes as f64 } else { 1.0 };
+    let rows = incidences as f64;
+    [rows, rows * axis.columns() as f64 * settings.nodes as f64 * modes]
+}
+
+/// What the effects make of a crossing.
+fn crossing_weight(request: &Request, transport: &Transport) -> f64 {
+    let factor = |on: bool, factor: f64| if on { factor } else { 1.0 };
+    factor(request.precision.resolve(transport) == Precision::F64, DOUBLE_PRECISION)
+        * factor(transport.facets.normals == Normals::Visible, VISIBLE)
+        * factor(transport.absorbs(), ABSORBING)
 }

@@ -8,8 +8,9 @@ use crate::recipe::Recipe;
 use lut_io::axis::ExitAxis;
 use lut_io::measure;
 use lut_io::monotone::Monotone;
+use rayon::prelude::*;
 use serde::Serialize;
-use transport::doubling::{Settings, Solution};
+use transport::doubling::{Cost, Settings, Solution};
 use transport::{Geometry, Transport};
 
 /// Intervals looked at: the widest of this many equal parts of the range of incidences.
@@ -174,6 +175,46 @@ pub(super) fn measured(axis: &ExitAxis, rows: &[Row], intervals: &[usize], middl
     Halfway { share, by: Method::Measured }
 }
 
+/// An auxiliary doubling solution beside a walk.
+pub(super) struct Auxiliary {
+    /// Indices of the incidences before and after the middles, each once.
+    nodes: Vec<usize>,
+    intervals: Vec<usize>,
+    /// Of those, then of the middles, radians.
+    theta_i: Vec<f64>,
+    pub(super) settings: Settings,
+    /// What solving it costs.
+    pub(super) cost: Cost,
+}
+
+impl Auxiliary {
+    /// How many incidences it solves.
+    pub(super) fn incidences(&self) -> usize {
+        self.theta_i.len()
+    }
+
+    /// The auxiliary solution of a walk of so many crossings, if it costs little beside it.
+    pub(super) fn of(
+        transport: &Transport,
+        geometry: Geometry,
+        theta_i: &[f64],
+        crossings: f64,
+    ) -> Option<Self> {
+        let intervals = intervals(theta_i);
+        let mut nodes: Vec<usize> = intervals.iter().flat_map(|&i| [i, i + 1]).collect();
+        nodes.dedup();
+        let middles = middles(theta_i, &intervals);
+        let incidences: Vec<f64> = nodes.iter().map(|&i| theta_i[i]).chain(middles).collect();
+        let settings = Settings::for_accuracy(transport, geometry, AUXILIARY_SHARE);
+        if incidences.is_empty() || settings.check(transport, geometry, &incidences).is_err() {
+            return None;
+        }
+        let cost = settings.cost(transport, geometry, incidences.len());
+        let affordable = cost.seconds <= (AFFORDABLE * CROSSING * crossings).max(NEGLIGIBLE);
+        affordable.then_some(Self { nodes, intervals, theta_i: incidences, settings, cost })
+    }
+}
+
 /// Measured by an auxiliary doubling solution, where that costs little beside a walk of so many crossings.
 pub(super) fn beside_walk(
     recipe: &Recipe,
@@ -183,22 +224,11 @@ pub(super) fn beside_walk(
     theta_i: &[f64],
     crossings: u64,
 ) -> Option<Halfway> {
-    // The rows before and after the middles, each once; then the middles.
-    let intervals = intervals(theta_i);
-    let mut nodes: Vec<usize> = intervals.iter().flat_map(|&i| [i, i + 1]).collect();
-    nodes.dedup();
-    let middles = middles(theta_i, &intervals);
-    let incidences: Vec<f64> = nodes.iter().map(|&i| theta_i[i]).chain(middles).collect();
-    let settings = Settings::for_accuracy(transport, geometry, AUXILIARY_SHARE);
-    if incidences.is_empty() || settings.check(transport, geometry, &incidences).is_err() {
-        return None;
-    }
-    let cost = settings.cost(transport, geometry, incidences.len());
-    if cost.seconds > (AFFORDABLE * CROSSING * crossings as f64).max(NEGLIGIBLE) {
-        return None;
-    }
-    let solution = transport::doubling::solve(transport, geometry, &incidences, &settings).ok()?;
-    let rows: Vec<Row> = (0..incidences.len()).map(|i| Row::solved(recipe, axis, &solution, i)).collect();
+    let auxiliary = Auxiliary::of(transport, geometry, theta_i, crossings as f64)?;
+    let Auxiliary { nodes, intervals, theta_i, settings, .. } = &auxiliary;
+    let solution = transport::doubling::solve(transport, geometry, theta_i, settings).ok()?;
+    let rows: Vec<Row> =
+        (0..theta_i.len()).into_par_iter().map(|i| Row::solved(recipe, axis, &solution, i)).collect();
     let (rows, middles) = rows.split_at(nodes.len());
     let intervals: Vec<usize> =
         intervals.iter().filter_map(|i| nodes.iter().position(|node| node == i)).collect();

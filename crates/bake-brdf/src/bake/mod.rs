@@ -8,7 +8,7 @@ pub mod sampling;
 mod second_side;
 pub mod snapshot;
 
-pub use choice::choose_solver;
+pub use choice::{Counts, ROWS, WALKED, choose_solver, counts};
 
 use crate::effects::{Decisions, Effect, EffectSet, View};
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
@@ -515,11 +515,13 @@ fn doubling_seconds(request: &Request, transport: &Transport) -> Result<f64, Bak
     if transport.facets.slope_sd == 0.0 {
         return Ok(0.0); // a closed form
     }
-    let share = (percent / 100.0).min(COARSEST_DOUBLING);
-    let settings = doubling::Settings::for_accuracy(transport, request.geometry(), share);
-    let cost = settings.cost(transport, request.geometry(), request.incident_deg.len());
-    // Two resolutions, the coarser at about 0.8³ of the cost.
-    Ok(1.5 * cost.seconds / rayon::current_num_threads() as f64)
+    choice::settings(transport, request.geometry(), percent / 100.0).check(
+        transport,
+        request.geometry(),
+        &request.theta_i(),
+    )?;
+    let counts = choice::doubling_counts(request, transport, percent / 100.0);
+    Ok(choice::solver_seconds(request.geometry(), &counts) / rayon::current_num_threads() as f64)
 }
 
 const NO_PATHS: &str = "doubling walks no paths: give it --accuracy, not --paths or --time-budget";

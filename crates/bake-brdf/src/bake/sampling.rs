@@ -19,7 +19,7 @@ const BLOCK: u64 = 8 * CHUNK;
 /// Paths per incidence of the pilot that sizes the bake.
 const PILOT: u64 = 2 * CHUNK;
 /// Incidences and paths of an estimate that must cost next to nothing.
-const SCOUTS: usize = 5;
+const SCOUTS: usize = 16;
 const SCOUT_PATHS: u64 = 1024;
 /// Longest time between two states that can be kept or stopped at.
 const LONGEST_SLICE: Duration = Duration::from_millis(500);

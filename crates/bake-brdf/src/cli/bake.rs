@@ -81,7 +81,7 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     request.check().map_err(stop)?;
     let pool = manners.pool()?;
     if args.dry_run {
-        return pool.install(|| dry_run(&request, manners));
+        return pool.install(|| dry_run(&request, choose(&terms, &request, manners)?, manners));
     }
     let shard = args.shard.as_deref().map(parse_shard).transpose()?;
     let output = args.output.clone().unwrap_or_else(|| match shard {
@@ -373,22 +373,26 @@ pub(super) fn say(line: &str) {
     eprintln!("bake-brdf: {line}");
 }
 
-fn dry_run(request: &Request, manners: &Manners) -> Outcome {
-    let forecast = bake::forecast(request, &Observer::idle()).map_err(stop)?;
+fn dry_run(request: &Request, solver: SolverChoice, manners: &Manners) -> Outcome {
+    let forecast = bake::forecast_of(request, solver, &Observer::idle()).map_err(stop)?;
     if manners.json {
         return terminal::print_json(&json!({
             "schema": "bake-forecast/1",
+            "solver": solver_name(solver),
             "seconds": forecast.seconds,
             "paths": forecast.paths,
             "bytes": forecast.bytes,
             "incidences": request.incident_deg.len(),
         }));
     }
+    let how = match solver {
+        SolverChoice::Doubling => "doubling".to_owned(),
+        _ => format!("{:.2e} paths", forecast.paths as f64),
+    };
     terminal::print(&format!(
-        "{}: {} incidences, {:.2e} paths, about {}, at most {:.1} MB; nothing written\n",
+        "{}: {} incidences, {how}, about {}, at most {:.1} MB; nothing written\n",
         request.recipe.name,
         request.incident_deg.len(),
-        forecast.paths as f64,
         manners::seconds_text(forecast.seconds),
         forecast.bytes as f64 / 1e6,
     ))

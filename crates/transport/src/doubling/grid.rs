@@ -3,8 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::OnceLock;
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, Par};
+use faer::Mat;
 
 use crate::Geometry;
 
@@ -75,6 +74,8 @@ pub(super) struct Grid {
     pub(super) weights: Vec<f64>,
     /// \[parity\]: cardinal functions from Legendre moments, ℓ_j = Σ_n to_nodes\[j, n\]·P_n.
     to_nodes: [Mat<f64>; 2],
+    /// Nodes of the rule on [−1, 1] with their barycentric weights: the cardinal functions point by point.
+    barycentric: Vec<(f64, f64)>,
 }
 
 impl Grid {
@@ -100,7 +101,7 @@ impl Grid {
         }
         let weights: Vec<f64> = rule.weights.iter().map(|w| 0.5 * w).collect();
         close(&mut to_nodes[0], &weights, 1);
-        Self { geometry: Geometry::Space, theta, weights, to_nodes }
+        Self { geometry: Geometry::Space, theta, weights, to_nodes, barycentric: barycentric(&rule) }
     }
 
     fn plane(n: usize) -> Self {
@@ -114,7 +115,7 @@ impl Grid {
         let theta: Vec<f64> = rule.nodes[n..].iter().map(|t| FRAC_PI_2 * t).collect();
         let weights: Vec<f64> = rule.weights[n..].iter().map(|w| FRAC_PI_2 * w).collect();
         close(&mut to_nodes[0], &rule.weights[n..], 1);
-        Self { geometry: Geometry::Plane, theta, weights, to_nodes }
+        Self { geometry: Geometry::Plane, theta, weights, to_nodes, barycentric: barycentric(&rule) }
     }
 
     pub(super) fn len(&self) -> usize {
@@ -146,23 +147,39 @@ impl Grid {
     /// (s/s_j)ᵖ·ℓ_j(θ_k).
     pub(super) fn cardinals(&self, theta: &[f64]) -> [Mat<f64>; 2] {
         let n = self.len();
-        let mut moments = [Mat::<f64>::zeros(theta.len(), n), Mat::zeros(theta.len(), n)];
+        let mut rows = [Mat::<f64>::zeros(theta.len(), n), Mat::zeros(theta.len(), n)];
+        let mut values = vec![0.0; self.barycentric.len()];
         for (row, &theta) in theta.iter().enumerate() {
+            self.cardinals_at(self.argument(theta), &mut values);
             let sine = theta.sin();
-            legendre(self.argument(theta), self.polynomials(), |k, p| match self.geometry {
-                Geometry::Plane => moments[k % 2][(row, k / 2)] = p,
-                Geometry::Space => {
-                    moments[0][(row, k)] = p;
-                    moments[1][(row, k)] = p * sine;
-                }
-            });
+            for j in 0..n {
+                [rows[0][(row, j)], rows[1][(row, j)]] = match self.geometry {
+                    // Node j and its mirror image.
+                    Geometry::Plane => {
+                        let (value, mirrored) = (values[n + j], values[n - 1 - j]);
+                        [value + mirrored, value - mirrored]
+                    }
+                    Geometry::Space => [values[j], values[j] * sine / self.theta[j].sin()],
+                };
+            }
         }
-        [0, 1].map(|parity| {
-            let mut rows = Mat::zeros(theta.len(), n);
-            let to_nodes = self.to_nodes[parity].transpose();
-            matmul(rows.as_mut(), Accum::Replace, moments[parity].as_ref(), to_nodes, 1.0, Par::Seq);
-            rows
-        })
+        rows
+    }
+
+    /// All cardinal functions of the rule at t, by the barycentric formula: as many operations as nodes, and stable where
+    /// t comes near one of them (Berrut & Trefethen, SIAM Review 46, 2004, 501).
+    fn cardinals_at(&self, t: f64, values: &mut [f64]) {
+        if let Some(hit) = self.barycentric.iter().position(|(node, _)| *node == t) {
+            values.fill(0.0);
+            values[hit] = 1.0;
+            return;
+        }
+        let mut sum = 0.0;
+        for (value, (node, weight)) in values.iter_mut().zip(&self.barycentric) {
+            *value = weight / (t - node);
+            sum += *value;
+        }
+        values.iter_mut().for_each(|value| *value /= sum);
     }
 
     /// Factor that turns the deposit at node j of a mode into the density there: per radian of s (plane), per
@@ -197,6 +214,13 @@ impl Grid {
             })
             .collect()
     }
+}
+
+/// Nodes and barycentric weights (−1)ᵏ√((1 − t²)w) of a Gauss–Legendre rule (Wang & Xiang, Math. Comp. 81, 2012, 861).
+fn barycentric(rule: &Rule) -> Vec<(f64, f64)> {
+    let sign = |k: usize| if k.is_multiple_of(2) { 1.0 } else { -1.0 };
+    let pairs = rule.nodes.iter().zip(&rule.weights).enumerate();
+    pairs.map(|(k, (t, w))| (*t, sign(k) * ((1.0 - t) * (1.0 + t) * w).sqrt())).collect()
 }
 
 /// Takes the rounding out of Σ_j to_nodes\[j, n\] = 0 for n ≥ `first`, which would cost n² ulps of energy at grazing and
@@ -254,6 +278,36 @@ mod tests {
                     (even[(0, j)] - expected).abs() < 1e-11 && (odd[(0, j)] - expected).abs() < 1e-11,
                     "{geometry:?} {j}"
                 );
+            }
+        }
+    }
+
+    #[test]
+    fn cardinal_functions_point_by_point_are_their_legendre_sums() {
+        for geometry in [Geometry::Plane, Geometry::Space] {
+            let grid = Grid::new(geometry, 96);
+            for theta in [1e-9, 0.4, 1.1, 1.570_796] {
+                let rows = grid.cardinals(&[theta]);
+                for (parity, row) in rows.iter().enumerate() {
+                    for j in 0..96 {
+                        let mut sum = 0.0;
+                        legendre(grid.argument(theta), grid.polynomials(), |k, p| match geometry {
+                            Geometry::Plane if k % 2 == parity => {
+                                sum += grid.to_nodes[parity][(j, k / 2)] * p
+                            }
+                            Geometry::Plane => (),
+                            Geometry::Space => sum += grid.to_nodes[parity][(j, k)] * p,
+                        });
+                        if geometry == Geometry::Space && parity == 1 {
+                            sum *= theta.sin();
+                        }
+                        // Rounding of a sum of up to 192 terms of up to 400.
+                        assert!(
+                            (sum - row[(0, j)]).abs() < 1e-10,
+                            "{geometry:?} {theta} {parity} {j}: {sum}"
+                        );
+                    }
+                }
             }
         }
     }

@@ -23,7 +23,7 @@ use std::collections::HashMap;
 use faer::Mat;
 use rayon::prelude::*;
 
-pub use self::settings::{Cost, DoublingError, Settings};
+pub use self::settings::{Cost, DoublingError, OPERATIONS, Settings, prices};
 pub use self::smooth::smooth;
 pub use self::solution::{Basis, ErrorEstimate, FAINT, Lobe, Solution};
 pub use self::surface::SingleReflection;
@@ -36,8 +36,9 @@ use self::stack::{Element, Run, elements, runs};
 use self::star::{Mirror, Resolved, Slab, times};
 use crate::{Geometry, Light, Transport};
 
-/// Resolutions that [`solve_to`] tries.
+/// Resolutions that [`solve_to`] tries, and of the light from below, whose accuracy is not promised.
 const ATTEMPTS: usize = 6;
+const ATTEMPTS_BELOW: usize = 3;
 
 /// Columns of one interface at the grid's nodes: from the side of the medium named first, and from the other.
 struct Sides {
@@ -222,10 +223,11 @@ fn solve_side(
 
 /// Solves to a total variation asked for, with the error estimated from a second, coarser resolution.
 ///
-/// The promise is about the light that comes from above and is reflected. With `both_sides` what is transmitted, and light
-/// from below, are solved at no less than the resolution that keeps it, and say by themselves how near they are
-/// ([`ErrorEstimate`]): light from below that is refracted along the horizon and falls back at once has a lobe too narrow
-/// in azimuth for any affordable number of modes, at and beyond the critical angle of the last interface.
+/// The promise is about the light that comes from above and is reflected. With `both_sides` what is transmitted is solved at
+/// no less than the resolution that keeps it, and light from below by a resolution of its own: refracted along the horizon
+/// it falls back in a lobe that is narrow in azimuth, at and beyond the critical angle of the last interface, which
+/// takes two to three times the modes. All say by themselves how near they are ([`ErrorEstimate`]); light from below stays
+/// further off than asked where more modes cannot be paid for.
 ///
 /// # Errors
 /// As [`solve`]; [`DoublingError::NotReached`] when further refinements do not bring the estimate below
@@ -260,7 +262,7 @@ pub fn solve_to(
     Err(DoublingError::NotReached { asked: total_variation, reached, nodes: coarse.settings.nodes })
 }
 
-/// Both sides at `settings`, or finer where the stack upside down asks for it, with error estimates.
+/// Both sides: from above at `settings`, from below as finely as the stack upside down asks for, with error estimates.
 fn solve_both(
     transport: &Transport,
     geometry: Geometry,
@@ -268,17 +270,46 @@ fn solve_both(
     settings: &Settings,
     total_variation: f64,
 ) -> Result<Solution, DoublingError> {
-    let turned = Settings::for_accuracy(&transport.upside_down(), geometry, total_variation);
-    let settings = Settings {
-        nodes: settings.nodes.max(turned.nodes),
-        modes: settings.modes.max(turned.modes),
-        both_sides: true,
-        ..*settings
-    };
-    let coarse = solve(transport, geometry, theta_i, &settings.coarser())?;
-    let mut solution = solve(transport, geometry, theta_i, &settings)?;
+    let settings = Settings { both_sides: true, ..*settings };
+    let coarse = solve_side(transport, geometry, theta_i, &settings.coarser())?;
+    let mut solution = solve_side(transport, geometry, theta_i, &settings)?;
     solution.compare(&coarse);
+    let turned = transport.upside_down();
+    solution.from_below =
+        Some(Box::new(solve_below(&turned, geometry, theta_i, &settings, total_variation)?));
     Ok(solution)
+}
+
+/// The stack upside down, refined until it keeps `total_variation` or until more cannot be paid for.
+fn solve_below(
+    turned: &Transport,
+    geometry: Geometry,
+    theta_i: &[f64],
+    above: &Settings,
+    total_variation: f64,
+) -> Result<Solution, DoublingError> {
+    let wanted = Settings::for_accuracy(turned, geometry, total_variation);
+    let affordable = |settings: &Settings| settings.check(turned, geometry, theta_i).is_ok();
+    let mut settings =
+        Settings { nodes: above.nodes.max(wanted.nodes), modes: above.modes.max(wanted.modes), ..*above };
+    let grazing =
+        Settings { modes: settings.modes.max(Settings::grazing_modes(turned, total_variation)), ..settings };
+    if geometry == Geometry::Space && affordable(&grazing) {
+        settings = grazing;
+    }
+    let mut coarse = solve_side(turned, geometry, theta_i, &settings.coarser())?;
+    let mut attempts = 0;
+    loop {
+        let mut solution = solve_side(turned, geometry, theta_i, &settings)?;
+        solution.compare(&coarse);
+        attempts += 1;
+        let kept = solution.error.as_ref().is_some_and(|error| error.worst() <= total_variation);
+        if kept || attempts == ATTEMPTS_BELOW || !affordable(&settings.finer()) {
+            return Ok(solution);
+        }
+        settings = settings.finer();
+        coarse = solution;
+    }
 }
 
 fn solve_mode(

@@ -12,19 +12,25 @@ use crate::{Geometry, Transport};
 /// Memory that the solver may plan for, bytes.
 const LARGEST_PLAN: f64 = 6.0 * (1u64 << 30) as f64;
 
-/// Longest time that the solver may plan for, seconds of one core.
-const LONGEST_PLAN: f64 = 3600.0;
+/// Longest time that the solver may plan for, seconds of one core: beyond it the walk has long been through.
+const LONGEST_PLAN: f64 = 120.0;
 
-/// Seconds of one AVX-512 core behind [`Cost::seconds`]: a floating-point operation in a matrix product, a Legendre
-/// term of a tilt, a facet in space, an incidence, and the rehit lobe of one grazing incidence
-/// (`cargo run --release -p transport --example doubling_cost`).
-const OPERATION: f64 = 6e-11;
-const PLANE_TERM: f64 = 2e-9;
-const FACET: f64 = 2e-7;
-const PLANE_INCIDENCE: f64 = 1e-4;
-const SPACE_INCIDENCE: f64 = 1.3e-3;
-const REHIT: f64 = 6e-3;
-/// Nodes below which products and solves fall behind the machine's rate: they take 1 + this/N times as long.
+/// What [`Cost::counts`] counts, and [`prices`] prices.
+pub const OPERATIONS: [&str; 5] =
+    ["multiply-add of a facet", "facet", "product", "incidence", "grazing incidence"];
+
+/// Seconds of one AVX-512 core that each of [`OPERATIONS`] takes, fitted to whole bakes (as
+/// `cargo run --release -p bake-brdf --example choice -- --fit` does).
+#[must_use]
+pub const fn prices(geometry: Geometry) -> [f64; OPERATIONS.len()] {
+    match geometry {
+        Geometry::Plane => [8.5e-10, 1.8e-7, 6.8e-11, 3.9e-4, 0.0],
+        Geometry::Space => [1.2e-11, 3e-7, 5e-11, 5e-4, 1.4e-2],
+    }
+}
+
+/// Nodes below which products and solves fall behind the machine's rate: they take 1 + this/N times as long, and are
+/// counted so often.
 const SMALL: f64 = 80.0;
 
 /// Resolution of the solver.
@@ -47,8 +53,10 @@ pub struct Settings {
 pub struct Cost {
     /// Peak memory, bytes.
     pub bytes: f64,
-    /// Time of one core, seconds.
+    /// Time of one core, seconds: the counts at their [`prices`].
     pub seconds: f64,
+    /// How often each of [`OPERATIONS`] is done.
+    pub counts: [f64; OPERATIONS.len()],
 }
 
 /// Why the solver does not answer.
@@ -76,7 +84,8 @@ pub enum DoublingError {
     /// The resolution that the problem needs is out of reach.
     #[error(
         "slope_sd = {slope_sd_deg}°: lobes this narrow need {nodes} nodes and {modes} modes, about {gibibytes:.1} GiB \
-         and {seconds:.0} s of one core; use the walk, the plane (azimuth decay), a lower accuracy or a wider slope_sd"
+         and {seconds:.0} s of one core (at most 6 GiB and 120 s are planned for); use the walk, the plane (azimuth \
+         decay), a lower accuracy or a wider slope_sd"
     )]
     TooCostly {
         /// σ in degrees.
@@ -133,6 +142,18 @@ impl Settings {
         }
     }
 
+    /// Modes that light needs which enters the stack near the critical angle of its first interface, runs along the horizon and
+    /// falls back (none where the first layer is no thinner a medium): its error halves with every 42/σ° modes, and
+    /// is 11 % with 88/σ° (fit to R′ of the paper's pearl, σ = 2°).
+    pub(super) fn grazing_modes(transport: &Transport, total_variation: f64) -> usize {
+        if transport.indices[0] <= transport.indices[1] {
+            return 0;
+        }
+        let sigma = transport.facets.slope_sd.to_degrees().max(1e-6);
+        let halvings = (0.11 / total_variation.clamp(1e-6, 0.11)).log2();
+        ((88.0 + 42.0 * halvings) / sigma).ceil() as usize
+    }
+
     /// The next coarser resolution, for an error estimate.
     #[must_use]
     pub fn coarser(&self) -> Self {
@@ -171,26 +192,20 @@ impl Settings {
             2.0 * self.reach * sigma * (3.5 * n * self.density) / 6.3 + 0.3 * self.reach * self.reach + 8.0;
         let facets = if geometry == Geometry::Plane { line } else { 0.4 * line * line };
         let columns = 2.0 * n * (pairs.len() + 1) as f64 + incidences as f64;
+        let incidences = incidences as f64;
         // One multiply-add each for reflected and refracted light, and the facets' own arithmetic.
-        let kernels = match geometry {
-            Geometry::Plane => columns * facets * n * 4.0 * PLANE_TERM,
-            Geometry::Space => columns * facets * (1.6 * n * (modes + 12.0) * OPERATION + FACET),
+        let multiply_adds = match geometry {
+            Geometry::Plane => 4.0 * columns * facets * n,
+            Geometry::Space => 1.6 * columns * facets * n * (modes + 12.0),
         };
-        let adding = (1.0 + SMALL / n)
-            * modes
-            * n
-            * n
-            * n
-            * (10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64)
-            * OPERATION;
-        let grazing = (6.0 * sigma / FRAC_PI_2).min(1.0) * incidences as f64;
-        let lobes = match geometry {
-            Geometry::Plane => PLANE_INCIDENCE * incidences as f64,
-            Geometry::Space => SPACE_INCIDENCE * incidences as f64 + grazing * REHIT,
-        };
+        let adding = 10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64;
+        let adding = (1.0 + SMALL / n) * modes * n * n * n * adding;
+        let grazing = (6.0 * sigma / FRAC_PI_2).min(1.0) * incidences;
+        let counts = [multiply_adds, columns * facets, adding, incidences, grazing];
         Cost {
-            bytes: 8.0 * n * modes * (2.5 * columns + 3.0 * incidences as f64) + 200.0 * n * n * 8.0,
-            seconds: kernels + adding + lobes,
+            bytes: 8.0 * n * modes * (2.5 * columns + 3.0 * incidences) + 200.0 * n * n * 8.0,
+            seconds: counts.iter().zip(prices(geometry)).map(|(count, price)| count * price).sum(),
+            counts,
         }
     }
 

@@ -87,8 +87,20 @@ impl<'a> Reference<'a> {
 
     /// Walks one path.
     pub fn path(&self, theta_i: f64, random: &mut impl Rng) -> End {
+        self.path_from(theta_i, None, random)
+    }
+
+    /// Walks two paths that meet the same first facet and share nothing else: the covariance of what they find is the
+    /// variance that the first facet explains, the most that stratifying it could take away.
+    pub fn twins(&self, theta_i: f64, random: &mut impl Rng) -> [End; 2] {
+        let facet = self.facet(incident(theta_i), true, random);
+        [0, 1].map(|_| self.path_from(theta_i, Some(facet), random))
+    }
+
+    /// Walks one path, whose first facet may be given.
+    fn path_from(&self, theta_i: f64, mut first: Option<[f64; 3]>, random: &mut impl Rng) -> End {
         let layers = self.transport.layers();
-        let mut direction = [theta_i.sin(), 0.0, -theta_i.cos()];
+        let mut direction = incident(theta_i);
         let (mut medium, mut interface) = (0, 0);
         let (mut weight, mut crossings, mut entered) = (1.0, 0, false);
         // Share of s in the light that every event of this path meets.
@@ -104,7 +116,7 @@ impl<'a> Reference<'a> {
             }
             let above = medium == interface;
             let other = if above { interface + 1 } else { interface };
-            let normal = self.facet(direction, above, random);
+            let normal = first.take().unwrap_or_else(|| self.facet(direction, above, random));
             crossings += 1;
 
             let (n1, n2) = (self.transport.indices[medium], self.transport.indices[other]);
@@ -217,6 +229,11 @@ impl<'a> Reference<'a> {
         let largest = direction[2].abs() + direction[0].hypot(direction[1]) * steepest;
         slope.abs() <= reach && random.random::<f64>() * largest < area
     }
+}
+
+/// Direction of travel of light that comes in at `theta_i` (radians).
+fn incident(theta_i: f64) -> [f64; 3] {
+    [theta_i.sin(), 0.0, -theta_i.cos()]
 }
 
 /// Reflectance of an interface for s and for p.
