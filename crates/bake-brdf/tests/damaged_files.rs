@@ -201,13 +201,6 @@ fn begun(target: Target) -> Snapshot {
     Snapshot { target, ..small_state(8192) }
 }
 
-/// With the colours that a look calls for.
-fn coloured() -> Snapshot {
-    let Request { recipe, .. } = readers::small_bake(Target::Paths(3000));
-    let request = Request { incident_deg: vec![40.0], ..Request::new(recipe, Target::Paths(3000)) };
-    walk_shard(&request, Shard::WHOLE, &Observer::idle()).expect("a shard")
-}
-
 fn body(snapshot: &Snapshot) -> Vec<u8> {
     let file = tempfile::NamedTempFile::new().expect("a temporary file");
     snapshot.write(file.path()).expect("a state is written");
@@ -264,14 +257,12 @@ fn seeds(target: &str) -> Vec<Named> {
             ("finished", body(&small_state(3000))),
             ("accuracy", body(&begun(Target::AccuracyPercent(0.5)))),
             ("time", body(&begun(Target::Time(Duration::from_secs(5))))),
-            ("coloured", body(&coloured())),
         ],
         "shard" => vec![
             ("whole", body(&small_state(3000))),
             ("empty", body(&small_state(1))),
             ("first", body(&readers::half(1))),
             ("second", body(&readers::half(2))),
-            ("coloured", body(&coloured())),
         ],
         "scene" => vec![
             text("plain", "<scene version=\"3.0.0\"/>"),
