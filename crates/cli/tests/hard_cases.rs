@@ -308,7 +308,7 @@ fn solved(
 }
 
 /// Stands for a refusal in one line.
-const REFUSED: f64 = f64::NEG_INFINITY;
+const REFUSED: f64 = f64::MIN;
 
 /// What a case came to.
 struct Found {
@@ -756,7 +756,8 @@ fn number(value: f64) -> String {
     match value {
         v if v.is_nan() => "NaN".to_owned(),
         REFUSED => "refused".to_owned(),
-        v if v.is_infinite() => "∞".to_owned(),
+        f64::INFINITY => "∞".to_owned(),
+        f64::NEG_INFINITY => "−∞".to_owned(),
         v if v == 0.0 || (1e-3..1e4).contains(&v.abs()) => format!("{v:.6}"),
         v => format!("{v:.2e}"),
     }
