@@ -3,10 +3,11 @@
 second for 500 layers, one thread, and whether all give the same R.
 
     cargo build --release -p thinfilm --example dense_rate
-    pip install numpy scipy tmm==0.2.0 PyMoosh==4.0.1 refnx tmm-fast   # tmm-fast needs PyTorch
+    pip install "numpy<2" scipy tmm==0.2.0 PyMoosh==4.0.1 refnx==0.1.60
+    pip install --no-deps tmm-fast==0.3.0   # needs PyTorch: pip install torch, or Debian's python3-torch (docs/THINFILM.md)
     python3 tools/peers/thinfilm.py [--document docs/THINFILM.md]
 
-Peers whose packages are missing are left out with a note, also in the table. `--document` replaces the table between the marks
+Peers whose packages are missing are left out, and the table says which package that is. `--document` replaces the table between the marks
 `<!-- bench -->` and `<!-- /bench -->` of a page. Exit code 3 if a peer's R is off by more than 1e-8.
 """
 import argparse
@@ -78,7 +79,10 @@ def refnx():
 
 
 def tmm_fast():
+    import torch
     from tmm_fast import coh_tmm
+
+    torch.set_num_threads(1)
 
     def spectrum(pol, nm, theta):
         indices = np.tile(np.array(N, complex)[None, :, None], (1, 1, nm.size))
@@ -120,7 +124,7 @@ def main():
             one, speed = peer()
         except ImportError as problem:
             print(f"left out: {name}: {problem}", file=sys.stderr)
-            rows.append((name, None, None, "not installed"))
+            rows.append((name, None, None, f"not run: {problem}"))
             continue
         difference = disagreement(one, alone["samples"])
         agree &= difference < 1e-8

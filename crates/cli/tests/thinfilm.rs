@@ -39,6 +39,43 @@ fn the_hard_cases_are_within_their_tolerance() {
     assert!(report["cases"].as_array().unwrap().iter().all(|case| case["pass"] == true));
 }
 
+/// Johnson and Christy's silver, thick: R = |(n − 1)/(n + 1)|² at 520.9 nm, n = 0.05 + 3.324i.
+#[test]
+fn a_recipe_names_materials_of_the_library() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = |name: &str| {
+        let text = format!(
+            r#"{{"stack":{{"layers":1,"aragonite":{{"n":{{"material":"{name}"}},"thickness_nm":500}}}}}}"#
+        );
+        std::fs::write(folder.path().join("r.json"), text).unwrap();
+        tool(folder.path(), &["spectrum", "r.json", "--wavelengths-nm", "520.9:520.9:1", "--json"])
+    };
+    let spectrum: Value = serde_json::from_slice(&recipe("silver").stdout).unwrap();
+    let expected = (0.95f64.powi(2) + 3.324f64.powi(2)) / (1.05f64.powi(2) + 3.324f64.powi(2));
+    // e^-80 of the light comes back from the far side.
+    assert!((spectrum["R"][0][0].as_f64().unwrap() - expected).abs() < 1e-12, "{spectrum}");
+    let refused = recipe("unobtainium");
+    let stderr = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(
+        stderr.lines().count() == 1 && stderr.contains("unobtainium") && stderr.contains("silver"),
+        "{stderr}"
+    );
+}
+
+#[test]
+fn every_material_is_listed_with_its_source() {
+    let listed: Value =
+        serde_json::from_slice(&tool(Path::new("."), &["materials", "--json"]).stdout).unwrap();
+    assert_eq!(listed["schema"], "thinfilm-materials/1");
+    let materials = listed["materials"].as_array().unwrap();
+    assert!(
+        materials.iter().any(|m| m["name"] == "silver" && m["source"].as_str().unwrap().contains("Johnson"))
+    );
+    let plain = tool(Path::new("."), &["materials"]);
+    assert_eq!(String::from_utf8_lossy(&plain.stdout).lines().count(), 1 + materials.len());
+}
+
 #[test]
 fn a_wrong_answer_is_noticed() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! The table as an OpenEXR file: one scan-line part, f32, ZIP, one text attribute `pearl`.
+//! The table as an OpenEXR file: one scan-line part, f32, ZIP, one text attribute `pearl`; and its compact forms, which are
+//! expanded when they are read.
 //!
 //! Layout in `docs/LUT-FORMAT.md`. Writing is bit-reproducible: the bytes depend on the table alone. Reading
 //! trusts nothing: the header is parsed here with bounds on everything before anything is allocated
@@ -8,6 +9,8 @@ mod header;
 
 use crate::atomic;
 use crate::both_sides::{BothSides, Passage};
+use crate::compact::packing::{self, Packed};
+use crate::compact::{self, COMPACT_SCHEMA, Compact, Form};
 use crate::error::{Flaw, LutError, READING};
 use crate::measure;
 use crate::table::{Component, Lobe, Meta, Table};
@@ -15,6 +18,7 @@ use exr::block::UncompressedBlock;
 use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
 use exr::meta::attribute::{AttributeValue, ChannelDescription, LineOrder, SampleType, Text};
 use exr::meta::{BlockDescription, MetaData};
+use exr::prelude::f16;
 use exr::prelude::{
     AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
 };
@@ -55,14 +59,50 @@ pub fn read(path: &Path) -> Result<Table, LutError> {
 pub fn encode(table: &Table) -> Result<Vec<u8>, Flaw> {
     table.validate()?;
     let text = meta_to_ascii(&table.meta)?;
-    let size = image_size(&table.meta);
-    let channels: SmallVec<[AnyChannel<FlatSamples>; 4]> = channels(table)
+    let channels = channels(table)
         .into_iter()
         .map(|(name, samples)| AnyChannel::new(name.as_str(), FlatSamples::F32(samples)))
         .collect();
+    image(&text, image_size(&table.meta), channels)
+}
+
+/// Writes a compact form; the file appears whole or not at all.
+///
+/// # Errors
+/// As [`encode_compact`], or the operating system refuses.
+pub fn write_compact(compact: &Compact, path: &Path) -> Result<(), LutError> {
+    let bytes = encode_compact(compact).map_err(|flaw| LutError::invalid(path, flaw))?;
+    atomic::write(path, &bytes).map_err(|error| LutError::io(path, "write the file", error))
+}
+
+/// The bytes of the file of a compact form.
+///
+/// # Errors
+/// It does not expand to a valid table, or its metadata hold a NaN or an infinity.
+pub fn encode_compact(compact: &Compact) -> Result<Vec<u8>, Flaw> {
+    let half = matches!(compact.section()?.form, Form::Half { .. });
+    compact.clone().expand()?;
+    let text = packing::pack(COMPACT_SCHEMA, &meta_to_ascii(&compact.meta)?)?;
+    let channels = Component::ALL.iter().zip(&compact.samples).map(|(component, samples)| {
+        let samples = if half {
+            FlatSamples::F16(samples.iter().map(|sample| f16::from_f32(*sample)).collect())
+        } else {
+            FlatSamples::F32(samples.clone())
+        };
+        AnyChannel::new(component.name(), samples)
+    });
+    image(&text, compact::image_size(&compact.meta)?, channels.collect())
+}
+
+/// The bytes of an OpenEXR file.
+fn image(
+    text: &str,
+    size: (usize, usize),
+    channels: SmallVec<[AnyChannel<FlatSamples>; 4]>,
+) -> Result<Vec<u8>, Flaw> {
     let mut attributes = LayerAttributes::default();
     // One attribute only: the exr crate writes several in hash order, which is not reproducible.
-    attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(text.as_str())));
+    attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(text)));
     let encoding = Encoding {
         compression: Compression::ZIP16,
         blocks: exr::image::Blocks::ScanLines,
@@ -84,7 +124,11 @@ pub fn encode(table: &Table) -> Result<Vec<u8>, Flaw> {
 /// The first flaw found; no input makes it panic or allocate more than the bytes can back.
 pub fn decode(bytes: &[u8]) -> Result<Table, Flaw> {
     let header = header::parse(bytes)?;
+    if schema_of(header.pearl)?.starts_with(COMPACT_SCHEMA) {
+        return decode_compact(&header, bytes)?.expand();
+    }
     let meta = meta_from_ascii(header.pearl)?;
+    header.check_type(SampleType::F32)?;
     let mut names = channel_names(&meta);
     names.sort_unstable();
     header.check_channels(&names)?;
@@ -94,6 +138,26 @@ pub fn decode(bytes: &[u8]) -> Result<Table, Flaw> {
     let table = assemble(meta, &names, samples)?;
     table.validate()?;
     Ok(table)
+}
+
+fn decode_compact(header: &Header<'_>, bytes: &[u8]) -> Result<Compact, Flaw> {
+    let packed: Packed = serde_json::from_slice(header.pearl)
+        .map_err(|error| Flaw::new(format!("attribute {ATTRIBUTE}"), format!("is not its JSON: {error}")))?;
+    let meta = meta_from_ascii(&packing::unpack(&packed.packed)?)?;
+    let size = compact::image_size(&meta)?;
+    let half = matches!(compact::section_of(&meta)?.form, Form::Half { .. });
+    header.check_type(if half { SampleType::F16 } else { SampleType::F32 })?;
+    let mut names: Vec<String> = Component::ALL.iter().map(|component| component.name().to_owned()).collect();
+    names.sort_unstable();
+    header.check_channels(&names)?;
+    header.check_size(size)?;
+    let blocks = header.blocks(bytes)?;
+    let mut samples = decompress(header, &names, &blocks)?;
+    let samples = Component::ALL.map(|component| {
+        let at = names.iter().position(|name| name == component.name());
+        at.map(|at| std::mem::take(&mut samples[at])).unwrap_or_default()
+    });
+    Ok(Compact { meta, samples })
 }
 
 /// Width and height of the image of a table.
@@ -150,16 +214,21 @@ struct SchemaOnly {
     schema: String,
 }
 
+/// The schema first: a newer table is refused by its name, not by some field that changed since.
+fn schema_of(text: &[u8]) -> Result<String, Flaw> {
+    let SchemaOnly { schema } = serde_json::from_slice(text)
+        .map_err(|error| Flaw::new(format!("attribute {ATTRIBUTE}"), format!("is not its JSON: {error}")))?;
+    crate::table::check_schema(&schema)?;
+    Ok(schema)
+}
+
 fn meta_from_ascii(text: &[u8]) -> Result<Meta, Flaw> {
     let attribute = || format!("attribute {ATTRIBUTE}");
     if let Some(at) = text.iter().position(|byte| !byte.is_ascii()) {
         let problem = format!("has byte 0x{:02x} at {at}, expected ASCII", text[at]);
         return Err(Flaw::new(attribute(), problem));
     }
-    // The schema first: a newer table is refused by its name, not by some field that changed since.
-    let schema: SchemaOnly = serde_json::from_slice(text)
-        .map_err(|error| Flaw::new(attribute(), format!("is not its JSON: {error}")))?;
-    crate::table::check_schema(&schema.schema)?;
+    schema_of(text)?;
     let mut json = serde_json::Deserializer::from_slice(text);
     let meta: Meta = serde_path_to_error::deserialize(&mut json).map_err(|error| {
         Flaw::new(format!("{} field {}", attribute(), error.path()), error.inner().to_string())
@@ -246,7 +315,7 @@ fn decompress(header: &Header<'_>, names: &[String], blocks: &[&[u8]]) -> Result
     let (width, height) = (header.width, header.height);
     let description = |name: &String| ChannelDescription {
         name: Text::from(name.as_str()),
-        sample_type: SampleType::F32,
+        sample_type: header.sample_type,
         quantize_linearly: false,
         sampling: Vec2(1, 1),
     };
@@ -279,7 +348,13 @@ fn decompress(header: &Header<'_>, names: &[String], blocks: &[&[u8]]) -> Result
         for line in block.lines(&meta_data.headers[0].channels) {
             let start = line.location.position.y() * width;
             let target = &mut samples[line.location.channel][start..start + width];
-            line.read_samples_into_slice(target).map_err(|_| damaged())?;
+            if header.sample_type == SampleType::F16 {
+                let mut halves = vec![f16::ZERO; width];
+                line.read_samples_into_slice(&mut halves).map_err(|_| damaged())?;
+                target.iter_mut().zip(halves).for_each(|(sample, half)| *sample = half.to_f32());
+            } else {
+                line.read_samples_into_slice(target).map_err(|_| damaged())?;
+            }
         }
     }
     Ok(samples)

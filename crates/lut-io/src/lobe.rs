@@ -262,8 +262,25 @@ impl Row<'_> {
         if t == 1.0 { far } else { near * (1.0 - t) + far * t }
     }
 
+    /// A channel at a position in units of cells along φ (0.5 in decay tables) and along the columns, without the
+    /// correction.
+    #[must_use]
+    pub fn at_position(&self, samples: &[f32], across: f64, along: f64) -> f64 {
+        let rows = self.table.meta.exit_axis.rows_per_incidence();
+        if rows == 1 {
+            return self.along_positions(samples, 0, along);
+        }
+        let (row, t) = neighbours(across, rows);
+        let near = self.along_positions(samples, row, along);
+        if t == 0.0 { near } else { near * (1.0 - t) + t * self.along_positions(samples, row + 1, along) }
+    }
+
     fn along_columns(&self, samples: &[f32], row: usize, x: f64) -> f64 {
-        let (column, t) = neighbours(self.columns.position(x), self.columns.cells);
+        self.along_positions(samples, row, self.columns.position(x))
+    }
+
+    fn along_positions(&self, samples: &[f32], row: usize, position: f64) -> f64 {
+        let (column, t) = neighbours(position, self.columns.cells);
         let near = self.cell(samples, row, column);
         if t == 0.0 {
             return near;

@@ -123,6 +123,11 @@ impl PearlBsdf {
         &self.controls
     }
 
+    /// Standard deviation of the slopes of interface 0, radians.
+    pub(crate) const fn slope_sd(&self) -> f64 {
+        self.facets.slope_sd()
+    }
+
     /// Centres of the bands of the interference colours, nm; empty without them.
     #[must_use]
     pub fn band_centres_nm(&self) -> &[f64] {
@@ -133,7 +138,7 @@ impl PearlBsdf {
     #[must_use]
     pub fn eval(&self, wi: Direction, wo: Direction) -> Evaluation {
         let Some(geometry) = self.geometry(wi, wo) else { return Evaluation::default() };
-        self.shade(&self.rgb, &geometry, wo, Viewer::AtExit)
+        self.shade(&self.rgb, &geometry, self.lobes(&geometry), wo, Viewer::AtExit)
     }
 
     /// What a viewer at `view` sees of unit radiance from `light`: f(light → view)·cos θ of the light, linear sRGB, 1/sr.
@@ -144,7 +149,7 @@ impl PearlBsdf {
     #[must_use]
     pub fn eval_seen(&self, view: Direction, light: Direction) -> Evaluation {
         let Some(geometry) = self.geometry(view, light) else { return Evaluation::default() };
-        self.shade(&self.rgb, &geometry, light, Viewer::AtIncidence)
+        self.shade(&self.rgb, &geometry, self.lobes(&geometry), light, Viewer::AtIncidence)
     }
 
     /// f·cos θo of each shown component at one wavelength (nm), 1/sr, in the order of [`Components::NAMES`].
@@ -163,18 +168,32 @@ impl PearlBsdf {
         self.shade_at(view, light, wavelength_nm, Viewer::AtIncidence)
     }
 
+    /// The sum of [`Self::eval_seen_at`] at many wavelengths (nm), for little more than the price of a few.
+    #[must_use]
+    pub fn eval_seen_spectrum(&self, view: Direction, light: Direction, wavelengths_nm: &[f64]) -> Vec<f64> {
+        let Some(geometry) = self.geometry(view, light) else { return vec![0.0; wavelengths_nm.len()] };
+        let lobes = self.lobes(&geometry);
+        let shade =
+            |colours: &Colours| self.shade(colours, &geometry, lobes, light, Viewer::AtIncidence).rgb();
+        if self.bands.is_empty() {
+            let mean = shade(&self.rgb).iter().sum::<f64>() / 3.0;
+            return vec![mean; wavelengths_nm.len()];
+        }
+        // The last group repeats the last band.
+        let bands: Vec<f64> = self.bands.iter().flat_map(shade).take(self.wavelength_nm.len()).collect();
+        wavelengths_nm.iter().map(|nm| at_wavelength(&self.wavelength_nm, &bands, *nm)).collect()
+    }
+
     fn shade_at(&self, wi: Direction, wo: Direction, wavelength_nm: f64, viewer: Viewer) -> [f64; 4] {
         let Some(geometry) = self.geometry(wi, wo) else { return [0.0; 4] };
+        let lobes = self.lobes(&geometry);
         if self.bands.is_empty() {
-            let parts = self.shade(&self.rgb, &geometry, wo, viewer).parts();
+            let parts = self.shade(&self.rgb, &geometry, lobes, wo, viewer).parts();
             return parts.map(|rgb| rgb.iter().sum::<f64>() / 3.0);
         }
-        let nodes = &self.wavelength_nm;
-        let above = nodes.partition_point(|nm| *nm <= wavelength_nm);
-        let (lo, hi) = (above.saturating_sub(1), above.min(nodes.len() - 1));
-        let share = if hi > lo { (wavelength_nm - nodes[lo]) / (nodes[hi] - nodes[lo]) } else { 0.0 };
+        let (lo, hi, share) = around_wavelength(&self.wavelength_nm, wavelength_nm);
         let band = |index: usize| {
-            self.shade(&self.bands[index / 3], &geometry, wo, viewer)
+            self.shade(&self.bands[index / 3], &geometry, lobes, wo, viewer)
                 .parts()
                 .map(|channels| channels[index % 3])
         };
@@ -192,7 +211,10 @@ impl PearlBsdf {
     #[must_use]
     pub fn eval_pdf(&self, wi: Direction, wo: Direction) -> (Evaluation, f64) {
         let Some(geometry) = self.geometry(wi, wo) else { return (Evaluation::default(), 0.0) };
-        (self.shade(&self.rgb, &geometry, wo, Viewer::AtExit), self.density(&geometry, wi, wo))
+        (
+            self.shade(&self.rgb, &geometry, self.lobes(&geometry), wo, Viewer::AtExit),
+            self.density(&geometry, wi, wo),
+        )
     }
 
     /// An exit direction from three uniform numbers in [0, 1); `None` where nothing is reflected, or where the
@@ -237,7 +259,16 @@ impl PearlBsdf {
             add(&mut mirror, rehit, cos_d);
             add(&mut blur, interior, cos_d);
         });
-        let [diffuse, incoherent] = self.rgb.base_albedo(at_i, self.controls.depth);
+        let [diffuse, incoherent] = self.rgb.base_albedo(at_i);
+        [diffuse, incoherent, mirror, blur]
+    }
+
+    /// What a viewer at θ (radians, below π/2) sees of a white surrounding, component by component like
+    /// [`Self::directional_albedo`]: the integral of [`Self::eval_seen`] over the light. The lobes are the same.
+    #[must_use]
+    pub fn directional_albedo_seen(&self, theta: f64) -> [[f64; 3]; 4] {
+        let [_, _, mirror, blur] = self.directional_albedo(theta);
+        let [diffuse, incoherent] = self.rgb.base_albedo_seen(Place::of_cos(theta.cos()));
         [diffuse, incoherent, mirror, blur]
     }
 
@@ -252,25 +283,37 @@ impl PearlBsdf {
         Some(Geometry { half: Half::new(wi, wo), incidence, exit, at_i: Place::of_cos(wi[2]) })
     }
 
+    /// f·cos θo of the lobes short of their colour: mirror and blur.
     #[inline]
-    fn shade(&self, colours: &Colours, geometry: &Geometry, wo: Direction, viewer: Viewer) -> Evaluation {
-        let Controls { depth, components, .. } = self.controls;
+    fn lobes(&self, geometry: &Geometry) -> [f64; 2] {
+        let [interior, rehit] = self.tabulated.eval(&geometry.incidence, &geometry.exit);
+        let scale = geometry.at_i.read(&self.mirror_scale);
+        [rehit + self.facets.reflection(&geometry.half) * scale, interior]
+    }
+
+    #[inline]
+    fn shade(
+        &self,
+        colours: &Colours,
+        geometry: &Geometry,
+        [mirror, blur]: [f64; 2],
+        wo: Direction,
+        viewer: Viewer,
+    ) -> Evaluation {
+        let components = self.controls.components;
         let (at_i, exit) = (geometry.at_i, Place::of_cos(wo[2]));
         let view = match viewer {
             Viewer::AtExit => exit,
             Viewer::AtIncidence => at_i,
         };
         let angles = Angles { incidence: at_i, exit, half: Place::of_cos(geometry.half.cos), view };
-        let terms = colours.terms(depth, angles, wo[2]);
-        let scale = at_i.read(&self.mirror_scale);
-        let [interior, rehit] = self.tabulated.eval(&geometry.incidence, &geometry.exit);
-        let mirror = rehit + self.facets.reflection(&geometry.half) * scale;
+        let terms = colours.terms(angles, wo[2]);
         let shown = |show: bool, rgb: [f64; 3]| if show { rgb } else { [0.0; 3] };
         Evaluation {
             diffuse: shown(components.diffuse, terms.diffuse),
             incoherent: shown(components.incoherent, terms.incoherent),
             mirror: shown(components.mirror, terms.lobe.map(|factor| factor * mirror)),
-            blur: shown(components.blur, terms.lobe.map(|factor| factor * interior)),
+            blur: shown(components.blur, terms.lobe.map(|factor| factor * blur)),
         }
     }
 
@@ -295,10 +338,24 @@ impl PearlBsdf {
     }
 }
 
-/// Whether a direction is one, and above the horizon.
+/// The two nodes around a wavelength, and how far (0..1) it is from the first to the second; the end nodes beyond the ends.
+fn around_wavelength(nodes: &[f64], nm: f64) -> (usize, usize, f64) {
+    let above = nodes.partition_point(|node| *node <= nm);
+    let (lo, hi) = (above.saturating_sub(1), above.min(nodes.len() - 1));
+    (lo, hi, if hi > lo { (nm - nodes[lo]) / (nodes[hi] - nodes[lo]) } else { 0.0 })
+}
+
+/// A spectrum known at nodes, read linearly between them and constant beyond the ends.
+pub(crate) fn at_wavelength(nodes: &[f64], values: &[f64], nm: f64) -> f64 {
+    let (lo, hi, share) = around_wavelength(nodes, nm);
+    values[lo] + share * (values[hi] - values[lo])
+}
+
+/// Whether a vector is a direction, and above the horizon. Rounding may have left its length; a tenth off is a mistake.
 #[inline]
-fn above_horizon(w: Direction) -> bool {
-    w[2] > 0.0 && w[0].is_finite() && w[1].is_finite() && w[2].is_finite()
+fn above_horizon([x, y, z]: Direction) -> bool {
+    // False for NaN and infinities.
+    z > 0.0 && (0.81..1.21).contains(&(x * x + y * y + z * z))
 }
 
 /// θ and sin θ.
@@ -447,8 +504,7 @@ fn chances(rgb: &Colours, controls: &Controls) -> Box<[[f64; 4]; NODES]> {
     let Components { diffuse, incoherent, mirror, blur } = controls.components;
     let mut chances = Box::new([[0.0; 4]; NODES]);
     for (node, chance) in chances.iter_mut().enumerate() {
-        let [a_interior, a_rehit, a_surface, a_diffuse, a_incoherent] =
-            rgb.mean_albedos(node, controls.depth);
+        let [a_interior, a_rehit, a_surface, a_diffuse, a_incoherent] = rgb.mean_albedos(node);
         let shown = |show: bool, albedo: f64| if show { albedo } else { 0.0 };
         *chance = [
             shown(blur, a_interior),

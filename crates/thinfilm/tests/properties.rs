@@ -7,7 +7,7 @@ use rand::rngs::StdRng;
 use rayon::prelude::*;
 use thinfilm::{
     Gain, Incidence, Layer, Material, Multilayer, Polarisation, Response, Run, Stack, StackLayer, StackRun,
-    ensemble, illuminant, intensity, line,
+    colour, dense, ensemble, illuminant, intensity, line, modulation,
 };
 
 fn real(n: f64) -> Complex64 {
@@ -274,6 +274,20 @@ proptest! {
         if let Ok(mean) = ensemble::mean(&stack, seed, 2, &waves, &[theta]) {
             prop_assert!(mean.reflectance.iter().chain(&mean.transmittance).flatten().all(|x| x.is_finite()));
         }
+        if let Ok(spectra) = dense::spectra(&stack, &waves, &[theta]) {
+            for pol in Polarisation::BOTH {
+                prop_assert!(spectra.reflectance(0, pol).iter().chain(spectra.transmittance(0, pol)).all(|x| x.is_finite()));
+            }
+        }
+        let sources = vec![1.0; stack.layer_count() as usize];
+        if let Ok(spectra) = dense::spectra_with_sources(&stack, &waves, &[theta], &sources) {
+            prop_assert!(spectra.unpolarised_emission(0).unwrap().iter().all(|x| !x.is_nan()));
+        }
+        let rows = [
+            modulation::modulation(&stack, seed, 2, &waves, &[theta]),
+            modulation::illuminant(&stack, illuminant::SourceProfile::Uniform, seed, 2, &waves, &[theta]),
+        ];
+        prop_assert!(rows.iter().flatten().flatten().flatten().all(|x| !x.is_nan()));
         if let Ok(emission) = illuminant::emission(&stack, illuminant::SourceProfile::Uniform, &waves, &[theta]) {
             prop_assert!(emission.iter().flatten().all(|x| !x.is_nan()));
         }
@@ -288,5 +302,16 @@ proptest! {
         if let Ok(mean) = line::mean(&stack, line, &[wavelength], &[theta], 1.0) {
             prop_assert!(mean.reflectance.iter().flatten().flatten().all(|x| x.is_finite()));
         }
+    }
+
+    /// Colours of any finite numbers, none included.
+    #[test]
+    fn no_finite_reflectance_panics_a_colour(values in prop::collection::vec(any::<f64>(), 0..40), count in 0..5usize) {
+        let finite: Vec<f64> = values.into_iter().filter(|x| x.is_finite()).collect();
+        let xyz = colour::xyz(&finite);
+        let rgb = colour::linear_srgb(xyz);
+        let _ = colour::srgb_bytes(rgb);
+        let _ = colour::delta_e_2000(colour::lab(xyz), rgb);
+        let _ = colour::wavelengths(count);
     }
 }

@@ -7,6 +7,7 @@ import numpy as np
 from . import controls as parameters
 from . import curves, table
 from .colours import Deriver, NumPy, Palette, chances
+from .paint import Bands, Channels, Light
 from .lobes import Facets, Pair, Polar, Tabulated
 from .store import Types
 from .table import PearlError
@@ -62,7 +63,8 @@ def _pearl(base):
             self.mirror_scale = types.store(self.table.mirror_scale, 1)
             kind = "bands" if types.spectral else "mono" if types.mono else "rgb"
             palette = Palette.of(self.table, kind)
-            self.channels = palette.channels
+            self.bands = self.table.spectra.wavelength_nm if kind == "bands" and palette.channels > 1 else None
+            self.painter = Channels if self.bands is None else Bands
             self.derive = Deriver(palette, types if types.jit else NumPy)
             self.rgb_palette = palette if kind == "rgb" else Palette.of(self.table, "rgb")
             self._derive()
@@ -125,18 +127,7 @@ def _pearl(base):
             parameters.check_parts(self.table, plain[0], plain[2])
             given = (self.depth, self.brightness, self.coherence, self.tint) if types.jit else plain
             derived = self.derive(*given)
-            record = (derived.limit, derived.rest, derived.illuminant, derived.factor)
-            if types.jit:
-                self.colours = types.Store(types, dr.ravel(types.Vector4f(*record)), 4)
-            else:
-                self.colours = types.store(np.stack(record, axis=1), 4)
-            scale = 1.0 / (_PI * (dr.maximum(derived.left, 1e-12) if types.jit else np.maximum(derived.left, 1e-12)))
-            if types.jit:
-                scale = dr.select(derived.left > 1e-12, scale, 0.0)
-                self.base = types.Store(types, dr.ravel(types.Vector2f(scale, derived.base_colour)), 2)
-            else:
-                scale = np.where(derived.left > 1e-12, scale, 0.0)
-                self.base = types.store(np.stack([scale, derived.base_colour], axis=1), 2)
+            self.colours = self.painter(types, derived, self.bands)
             self.used_depth = given[0]
             self.chances = types.store(chances(self.rgb_palette, plain, self._body_for_sampling(), self.shown), 4)
 
@@ -175,9 +166,9 @@ def _pearl(base):
             polar = Polar.of(wi)
             chance = self._chances(ctx, polar, active)
             total = chance[0] + chance[1] + chance[2] + chance[3]
+            at = self.tabulated.incidence(polar, active)
             active = active & (total > 0.0)
             part, select = self._choose(chance, sample1 * total)
-            at = self.tabulated.incidence(polar, active)
             lobe = part <= _REHIT
             sin, cos, phi = self.tabulated.sample(part == _REHIT, at, select, sample2.x, sample2.y, active & lobe)
             wo = self._direction(polar, sin, cos, phi)
@@ -219,26 +210,30 @@ def _pearl(base):
         def _eval_pdf(self, ctx, si, wo, active, want_value=True):
             types = self.types
             wi, wo = si.wi, types.Vector3f(wo)
-            active = active & (wi.z > 0.0) & (wo.z > 0.0)
+            # What depends on wi alone is computed under the mask of wi alone, here and in `sample`: where an integrator asks
+            # for both, Dr.Jit then computes it once.
+            lit = active & (wi.z > 0.0)
+            active = lit & (wo.z > 0.0)
             if not types.jit and not active:
                 return types.UnpolarizedSpectrum(0.0), types.Float(0.0)
             normal = types.Vector3f(0.0, 0.0, 1.0)
-            wi, wo = dr.select(active, wi, normal), dr.select(active, wo, normal)
+            wi, wo = dr.select(lit, wi, normal), dr.select(active, wo, normal)
             pair = Pair.of(Polar.of(wi), Polar.of(wo))
-            at = self.tabulated.incidence(pair.incidence, active)
-            chance = self._chances(ctx, pair.incidence, active)
+            at = self.tabulated.incidence(pair.incidence, lit)
+            chance = self._chances(ctx, pair.incidence, lit)
             return self._value_and_density(ctx, si, pair, at, chance, active, want_value)
 
         def _value_and_density(self, ctx, si, pair, at, chance, active, want_value=True):
             exit = self.tabulated.exit(at, pair.exit, pair.y2)
-            pdf = dr.select(active, self._density(chance, pair, at, exit, active), 0.0)
+            cells = self.tabulated.read(at, exit, active)
+            pdf = dr.select(active, self._density(chance, pair, at, exit, cells), 0.0)
             if not want_value:
                 return None, pdf
-            value = self._shade(ctx, si, pair, at, exit, active)
+            value = self._shade(ctx, si, pair, at, exit, cells, active)
             return dr.select(active, value, self.types.UnpolarizedSpectrum(0.0)), pdf
 
-        def _density(self, chance, pair, at, exit, active):
-            interior, rehit = self.tabulated.pdf(at, exit, active)
+        def _density(self, chance, pair, at, exit, cells):
+            interior, rehit = self.tabulated.pdf(at, exit, cells)
             surface = self.facets.pdf(pair.incidence, pair.half)
             total = chance[0] + chance[1] + chance[2] + chance[3]
             pdf = chance[_INTERIOR] * interior + chance[_REHIT] * rehit + chance[_SURFACE] * surface
@@ -295,52 +290,23 @@ def _pearl(base):
             index = dr.minimum(self.types.floor(u), curves.STEPS - 1)
             return index, u - self.types.Float(index)
 
-        def _shade(self, ctx, si, pair, at, exit, active):
-            types = self.types
+        def _shade(self, ctx, si, pair, at, exit, cells, active):
             places = [
                 self._place(pair.incidence.cos, pair.incidence.sin),
                 self._place(pair.exit.cos, pair.exit.sin),
                 self._place(pair.half.cos),
             ]
             scale = self.mirror_scale.between(*places[0], active)[0]
-            interior, rehit = self.tabulated.eval(at, exit, active)
+            interior, rehit = self.tabulated.eval(at, exit, cells)
             mirror = rehit + self.facets.eval(pair.half) * scale
-            enabled = self._enabled(ctx)
-            lobe = interior * float(enabled[_BLUR]) + mirror * float(enabled[_MIRROR])
+            diffuse, incoherent, show_mirror, show_blur = (float(shown) for shown in self._enabled(ctx))
+            lobe = interior * show_blur + mirror * show_mirror
             # The one of the two directions that looks at the surface gives the illuminant's hue.
             view = 0 if ctx.mode == mi.TransportMode.Radiance else 1
-            body = self.body.eval(si, active)
-
-            def channel(index, body):
-                base_scale, base_colour = self.base.read(index, active)
-                first = index * curves.NODES
-                at_i, at_o, at_d = (
-                    self.colours.between(first + node, fraction, active) for node, fraction in places
-                )
-                base = body * base_scale / dr.maximum(body * base_colour, 1.0)
-                base = base * at_i[1] * at_o[1] * pair.exit.cos
-                illuminant = (at_i, at_o)[view][2]
-                diffuse = (1.0 - self.used_depth) * float(enabled[_DIFFUSE])
-                incoherent = self.used_depth * illuminant * float(enabled[_INCOHERENT])
-                return lobe * at_d[3] * at_i[0] + base * (diffuse + incoherent)
-
-            if not types.spectral:
-                values = [channel(types.UInt32(k), body[k]) for k in range(self.channels)]
-                return types.UnpolarizedSpectrum(*values)
-            values = [self._at_wavelength(channel, si.wavelengths[k], body[k]) for k in range(len(si.wavelengths))]
-            return types.UnpolarizedSpectrum(*values)
-
-        def _at_wavelength(self, channel, nm, body):
-            """A value at a wavelength: mixed between the two bands around it, constant beyond the ends."""
-            types = self.types
-            if self.channels == 1:
-                return channel(types.UInt32(0), body)
-            bands = self.table.spectra.wavelength_nm
-            step = (bands[-1] - bands[0]) / (len(bands) - 1)
-            x = dr.clip((nm - float(bands[0])) * float(1.0 / step), 0.0, float(len(bands) - 1))
-            band = dr.minimum(types.floor(x), len(bands) - 2)
-            share = x - types.Float(band)
-            below, above = channel(band, body), channel(band + 1, body)
-            return dr.fma(share, above - below, below)
+            depth = self.used_depth
+            light = Light(lobe, pair.exit.cos, depth, (1.0 - depth) * diffuse, depth * incoherent)
+            wavelengths = si.wavelengths if self.types.spectral else None
+            values = self.colours.shade(light, places, view, self.body.eval(si, active), wavelengths, active)
+            return self.types.UnpolarizedSpectrum(*values)
 
     return Pearl

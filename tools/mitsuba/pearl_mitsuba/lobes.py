@@ -257,6 +257,7 @@ class Tabulated:
         self.regular_step = float(steps[0]) if regular else None
         at = spans[:-1, None] + steps[:, None] * np.arange(SPAN_STEPS + 1) / SPAN_STEPS
         widths = np.interp(at, table.theta, table.azimuth_width)[..., None]
+        # By incidence: what restores the albedos, and w of the azimuth.
         self.along = types.store(np.concatenate([table.corrections, widths, np.zeros_like(widths)], axis=2), 4)
         if not regular:
             self.span_ends = types.store(spans, 1)
@@ -267,15 +268,24 @@ class Tabulated:
     def set_values(self, values, data=None):
         """Stored values, [incidence, row, column, lobe], and where given the (differentiable) array to read them from."""
         types = self.types
-        self.values = types.store(values, 2) if data is None else types.Store(types, data, 2)
-        density = np.asarray(values, float) * self.measure[..., None]
+        values = np.asarray(values, float)
+        density = values * self.measure[..., None]
         rows = density.sum(axis=2)
         total = rows.sum(axis=1)
-        self.density = types.store(density, 2)
+        # Values and densities side by side: one record holds what both lobes have in a cell.
+        if data is None or not types.jit:
+            self.cells = types.store(np.concatenate([values, density], axis=3), 4)
+        else:
+            value, sampled = (dr.unravel(types.Vector2f, array) for array in (data, types.array(density)))
+            self.cells = types.Store(types, dr.ravel(types.Vector4f(value.x, value.y, sampled.x, sampled.y)), 4)
         self.total = types.store(total, 2)
         scale = lambda sums: np.divide(1.0, sums, out=np.zeros_like(sums), where=sums > 0.0)  # noqa: E731
         # Distribution functions of each row, and of the φ rows of an incidence, normalised; lobe-major.
-        self.caps = types.store(self._cap_shares(density.sum(axis=1) * scale(total)[:, None], total), 2)
+        # By incidence, as `along`: shares in the cap around the normal, and sums of the densities.
+        steps = np.arange(SPAN_STEPS + 1)[:, None] / SPAN_STEPS
+        before, after = (total[rows][:, None] for rows in self.rows_of_spans)
+        caps = self._cap_shares(density.sum(axis=1) * scale(total)[:, None], total)
+        self.shares = types.store(np.concatenate([caps, before + steps * (after - before)], axis=2), 4)
         self.row_density, self.row_cdf = self._distribution(density * scale(rows)[:, :, None], axis=2)
         self.phi_density, self.phi_cdf = self._distribution(rows * scale(total)[:, None], axis=1)
 
@@ -337,9 +347,8 @@ class Tabulated:
         index = dr.minimum(types.floor(step), SPAN_STEPS - 1)
         record = span * (SPAN_STEPS + 1) + index
         interior, rehit, width, _ = self.along.between(record, step - types.Float(index), active)
-        near, far = self.total.read(node, active), self.total.read(following, active)
-        total = [dr.fma(fraction, b - a, a) for a, b in zip(near, far)]
-        cap = self.caps.between(record, step - types.Float(index), active)
+        shares = self.shares.between(record, step - types.Float(index), active)
+        cap, total = shares[:2], shares[2:]
 
         w2 = self.axis.width**2
         withdrawal = lambda room: w2 / (dr.sqrt(dr.fma(room, room, w2)) + room)  # noqa: E731
@@ -383,24 +392,25 @@ class Tabulated:
         far = store.between(at.following * stride + start, fraction, active)
         return [dr.fma(at.fraction, b - a, a) for a, b in zip(near, far)]
 
-    def _parts(self, store, at, exit, active):
-        """A store read ahead and back (decay tables), or in the two φ rows around the exit (walk tables)."""
+    def read(self, at, exit, active):
+        """What `eval` and `pdf` need of the cells around an exit: two records of values and densities, ahead and back
+        (decay tables), or of the two φ rows (walk tables)."""
         if self.axis.plane:
-            return [self._read(store, at, 0, cell, active) for cell in exit.cells]
+            return [self._read(self.cells, at, 0, cell, active) for cell in exit.cells]
         row = exit.row[0] * self.columns
-        return [self._read(store, at, row + step, exit.cells[0], active) for step in (0, self.columns)]
+        return [self._read(self.cells, at, row + step, exit.cells[0], active) for step in (0, self.columns)]
 
-    def eval(self, at, exit, active):
+    def eval(self, at, exit, cells):
         """f·cos θo in 1/sr of interior and rehit, the albedo restored."""
-        first, second = self._parts(self.values, at, exit, active)
+        first, second = (record[:2] for record in cells)
         if self.axis.plane:
             d = _decay(exit.concentration, exit.y2)
             return [c * dr.fma(d, a, (1.0 - d) * b) for a, b, c in zip(first, second, at.correction)]
         return [c * dr.fma(exit.row[1], b - a, a) for a, b, c in zip(first, second, at.correction)]
 
-    def pdf(self, at, exit, active):
+    def pdf(self, at, exit, cells):
         """Densities per steradian with which `sample` finds the direction: interior, rehit."""
-        first, second = self._parts(self.density, at, exit, active)
+        first, second = (record[2:] for record in cells)
         if self.axis.plane:
             around = Forward(exit.concentration).pdf(exit.y2)
             scale = 1.0 / dr.maximum(exit.sin, _POLE)
@@ -505,7 +515,7 @@ def _split(u, first):
 
 
 def _one_minus_exp(z):
-    series = z * (1.0 - z / 2.0 * (1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0))))
+    series = z * (1.0 - (1 / 2) * z * (1.0 - (1 / 3) * z * (1.0 - (1 / 4) * z * (1.0 - (1 / 5) * z))))
     return dr.select(z > 0.03, 1.0 - dr.exp(-z), series)
 
 

@@ -52,12 +52,25 @@ class Types:
     def array(self, values):
         """A flat array of numbers: of Dr.Jit, or NumPy's in scalar variants."""
         if self.jit:
-            return self.Float(np.ascontiguousarray(values, np.float32).ravel())
+            # A copy in Dr.Jit's own memory: it borrows NumPy's, and whether that is aligned well enough to gather whole
+            # records at once is luck.
+            copied = self.Float(np.ascontiguousarray(values, np.float32).ravel()) * dr.opaque(self.Float, 1.0)
+            dr.eval(copied)
+            return copied
         return np.asarray(values, float).ravel()
 
     def store(self, values, width):
         """A store of records."""
         return self.Store(self, self.array(values), width)
+
+    def rearranged(self, flat, places, width):
+        """A store of records whose numbers are those of a flat array (of Dr.Jit, differentiable, or NumPy's) at `places`."""
+        places = np.ravel(places)
+        if not self.jit:
+            return self.Store(self, flat[places], width)
+        records = dr.gather(self.Float, flat, self.UInt32(places.astype(np.uint32)))
+        dr.eval(records)
+        return self.Store(self, records, width)
 
     def floor(self, x):
         """x ≥ 0 as an index."""

@@ -5,13 +5,14 @@ interface is a closed form (`facets`).
 """
 
 import json
+import zlib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from . import curves
+from . import compact, curves
 from .axes import HALF_PI, ExitAxis, concentration, neighbours, reading_weights, sampling_measure
 from .facets import Facets
 
@@ -251,8 +252,10 @@ def read(path, bitmap):
     if not isinstance(text, str):
         raise PearlError(f"pearl: {path}: has no attribute `pearl`, so it is no pearl table; `{BAKE}` bakes one")
     try:
-        return _table(path, json.loads(text), image)
-    except (KeyError, TypeError, IndexError, json.JSONDecodeError) as error:
+        return _table(path, compact.unpacked(json.loads(text)), image)
+    except PearlError:
+        raise
+    except (KeyError, TypeError, IndexError, ValueError, zlib.error) as error:
         problem = f"{type(error).__name__}: {error}"
         raise PearlError(f"pearl: {path}: metadata is damaged ({problem}); bake it again: `{BAKE}`") from None
 
@@ -269,7 +272,7 @@ def _table(path, meta, image):
     summaries = meta["per_incidence"]
     names = [field.name for field in image.struct_()]
     pixels = np.array(image, copy=False)
-    expected = (len(summaries) * axis.rows, axis.columns)
+    expected = compact.image_size(meta, axis)
     if pixels.shape[:2] != expected:
         raise PearlError(f"pearl: {path}: is {pixels.shape[1]} × {pixels.shape[0]} pixels, its metadata say "
                          f"{expected[1]} × {expected[0]}")  # fmt: skip
@@ -277,7 +280,7 @@ def _table(path, meta, image):
     for name in ("interior", "rehit"):
         if name not in names:
             raise PearlError(f"pearl: {path}: has no channel {name!r}; bake it again: `{BAKE}`")
-        lobe = pixels[:, :, names.index(name)]
+        lobe = compact.values(meta, axis, name, pixels[:, :, names.index(name)])
         if not (np.isfinite(lobe).all() and (lobe >= 0).all()):
             raise PearlError(f"pearl: {path}: channel {name!r} has a value that is not finite or negative")
         lobes.append(lobe)

@@ -3,6 +3,7 @@
 mod check;
 mod diff;
 mod export;
+mod fit;
 mod info;
 mod merge;
 mod plot;
@@ -25,6 +26,7 @@ use terminal::{Outcome, Stop};
   lut plot pearl.exr -o figures                      Figs. 6, 7 and 10 of the paper, SVG and PNG
   lut diff pearl.exr other.exr                       exit 3 if they differ by more than their errors
   lut export pearl.exr --to bsdf-rgb -o pearl.bsdf   for Mitsuba's `measured` and pbrt-v4; says its own error
+  lut fit pearl.exr -o small.exr                     ten times smaller; says what that costs
   lut check pearl.exr                                exit 3 if something that must hold does not
   lut check pearl.exr --against other_seed.exr       and are its error bars honest?")]
 struct Cli {
@@ -62,6 +64,8 @@ enum Command {
     Check(check::CheckArgs),
     /// Write the table, with the look of its recipe, for other programs; prints the error of the round trip.
     Export(export::ExportArgs),
+    /// Write a compact form that every reader of tables expands; prints its size and its error.
+    Fit(fit::FitArgs),
     /// Make the table of a bake that was walked in shards, bit for bit that of one bake.
     Merge(merge::MergeArgs),
     /// Print a shell completion script.
@@ -85,6 +89,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Diff(args) => diff::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Export(args) => export::run(&args),
+        Command::Fit(args) => fit::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Completions { shell } => terminal::completions::<Cli>(shell),
         Command::Man => terminal::manual::<Cli>(),

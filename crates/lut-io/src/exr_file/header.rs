@@ -1,10 +1,11 @@
 //! The header of an OpenEXR file, read with suspicion: every length is checked against the bytes that are
-//! there before it is used, and only what a pearl table may be is accepted (one scan-line part, f32 channels,
-//! no sub-sampling, ZIP or no compression). Layout: "OpenEXR File Layout", openexr.com.
+//! there before it is used, and only what a pearl table may be is accepted (one scan-line part, channels of
+//! one type, f32 or in compact files f16, no sub-sampling, ZIP or no compression). Layout: "OpenEXR File Layout", openexr.com.
 
 use super::{ATTRIBUTE, MAX_META_BYTES};
 use crate::error::Flaw;
 use crate::table::{MAX_AXIS_CELLS, MAX_CELLS};
+use exr::meta::attribute::SampleType;
 use exr::prelude::Compression;
 
 const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
@@ -23,6 +24,8 @@ pub(super) struct Header<'a> {
     pub(super) height: usize,
     pub(super) compression: Compression,
     pub(super) pearl: &'a [u8],
+    /// Type of all channels.
+    pub(super) sample_type: SampleType,
     channels: Vec<String>,
     /// Where the table of block offsets starts.
     end: usize,
@@ -79,7 +82,7 @@ fn describe(bytes: &[u8]) -> String {
 
 #[derive(Default)]
 struct Attributes<'a> {
-    channels: Option<Vec<String>>,
+    channels: Option<(SampleType, Vec<String>)>,
     compression: Option<Compression>,
     window: Option<(usize, usize)>,
     pearl: Option<&'a [u8]>,
@@ -113,25 +116,29 @@ impl<'a> Attributes<'a> {
             Flaw::new(format!("attribute {name}"), problem)
         };
         let pearl = self.pearl.ok_or_else(|| missing(ATTRIBUTE))?;
+        let (sample_type, channels) = self.channels.ok_or_else(|| missing("channels"))?;
         let (width, height) = self.window.ok_or_else(|| missing("dataWindow"))?;
         Ok(Header {
             width,
             height,
             compression: self.compression.ok_or_else(|| missing("compression"))?,
             pearl,
-            channels: self.channels.ok_or_else(|| missing("channels"))?,
+            sample_type,
+            channels,
             end,
         })
     }
 }
 
-fn channel_list(value: &[u8]) -> Result<Vec<String>, Flaw> {
+/// Names of the channels, and the type that all of them have.
+fn channel_list(value: &[u8]) -> Result<(SampleType, Vec<String>), Flaw> {
     let mut cursor = Cursor { bytes: value, at: 0 };
-    let mut names = Vec::new();
+    let (mut kinds, mut names) = (None, Vec::new());
     loop {
         let name = cursor.name()?;
         if name.is_empty() {
-            return Ok(names);
+            let kind = if kinds == Some(1) { SampleType::F16 } else { SampleType::F32 };
+            return Ok((kind, names));
         }
         if names.len() == MAX_CHANNELS {
             return Err(Flaw::new("attribute channels", format!("lists more than {MAX_CHANNELS} channels")));
@@ -139,8 +146,11 @@ fn channel_list(value: &[u8]) -> Result<Vec<String>, Flaw> {
         let kind = cursor.u32("channels")?;
         cursor.take(4, "channels")?;
         let sampling = (cursor.u32("channels")?, cursor.u32("channels")?);
-        if kind != 2 || sampling != (1, 1) {
-            let problem = format!("has type {kind} and sampling {sampling:?}, expected 2 (FLOAT) and (1, 1)");
+        let right = [1, 2].contains(&kind) && *kinds.get_or_insert(kind) == kind && sampling == (1, 1);
+        if !right {
+            let problem = format!(
+                "has type {kind} and sampling {sampling:?}, expected 2 (FLOAT; 1, HALF, in all channels of a compact file) and (1, 1)"
+            );
             return Err(Flaw::new(format!("channel {name}"), problem));
         }
         names.push(name.to_owned());
@@ -190,12 +200,21 @@ impl Header<'_> {
     }
 
     const fn raw_bytes(&self, rows: usize) -> usize {
-        rows * self.width * self.channels.len() * 4
+        rows * self.width * self.channels.len() * self.sample_type.bytes_per_sample()
     }
 
     /// No file with this header is longer: what lies beyond need not be read.
     pub(super) const fn largest_file(&self) -> u64 {
         (self.end + self.raw_bytes(self.height) + 16 * self.block_count()) as u64
+    }
+
+    /// Checks that the channels hold samples of this type.
+    pub(super) fn check_type(&self, expected: SampleType) -> Result<(), Flaw> {
+        if self.sample_type == expected {
+            return Ok(());
+        }
+        let problem = format!("are of type {:?}, expected {expected:?}", self.sample_type);
+        Err(Flaw::new("channels", problem))
     }
 
     /// Checks that exactly these channels (sorted) are there.

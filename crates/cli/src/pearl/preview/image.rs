@@ -1,5 +1,6 @@
 //! From linear radiance to PNG.
 
+use nacre_cli::preview::tone::tone_map;
 use std::path::Path;
 use terminal::Stop;
 
@@ -33,48 +34,11 @@ impl Picture {
     }
 }
 
-/// Brightest sample that enters a mean: a rare direction must not leave a white dot.
-pub(super) fn without_fireflies(radiance: [f64; 3]) -> [f64; 3] {
-    const MOST: f64 = 20.0;
-    let peak = radiance.iter().copied().fold(0.0, f64::max);
-    if peak <= MOST { radiance } else { radiance.map(|c| c * MOST / peak) }
-}
-
 fn encode(radiance: [f64; 3], dither: f64) -> [u8; 3] {
     tone_map(radiance).map(|c| (255.0 * srgb(c) + 0.5 + dither).clamp(0.0, 255.0) as u8)
-}
-
-/// Khronos PBR Neutral: colours below 0.76 stay, highlights roll off towards white without turning hue
-/// (Khronos Group 2024, specification of the neutral tone mapper; its black offset for dielectrics left out).
-fn tone_map(rgb: [f64; 3]) -> [f64; 3] {
-    const START: f64 = 0.76;
-    const DESATURATION: f64 = 0.15;
-    let peak = rgb.iter().copied().fold(0.0, f64::max);
-    if peak < START {
-        return rgb;
-    }
-    let room = 1.0 - START;
-    let mapped = 1.0 - room * room / (peak + room - START);
-    let white = 1.0 - 1.0 / (DESATURATION * (peak - mapped) + 1.0);
-    rgb.map(|c| (c * mapped / peak) * (1.0 - white) + mapped * white)
 }
 
 /// IEC 61966-2-1.
 fn srgb(c: f64) -> f64 {
     if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_tone_curve_is_continuous_and_never_passes_white() {
-        let mut before = 0.0;
-        for i in 0..4000 {
-            let y = tone_map([0.01 * f64::from(i); 3])[0];
-            assert!(y <= 1.0 && y >= before && y - before < 0.011, "{i}: {y}");
-            before = y;
-        }
-    }
 }

@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 
 /// Which light falls on the shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Lighting {
+pub enum Lighting {
     /// One direction, nothing else.
     Distant,
     /// A studio: a soft gradient and three windows.
@@ -16,7 +16,9 @@ pub(super) enum Lighting {
 }
 
 impl Lighting {
-    pub(super) const fn name(self) -> &'static str {
+    /// Name in file names.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Distant => "distant",
             Self::Sky => "sky",
@@ -172,9 +174,10 @@ impl Studio {
     }
 }
 
-/// What the pearl sends to the viewer: diffuse, incoherent interference, lobes, and their sum.
+/// What the pearl sends to the viewer: diffuse, incoherent interference, lobes, and their sum; along directions of `sampler`.
 pub(super) fn reflected(
     bsdf: &PearlBsdf,
+    sampler: &PearlBsdf,
     studio: &Studio,
     lighting: Lighting,
     shape: Shape,
@@ -190,7 +193,7 @@ pub(super) fn reflected(
                 let value = bsdf.eval_seen(view, frame.to_local(studio.distant));
                 collect(&mut pixel, &value, [DISTANT_IRRADIANCE; 3]);
             }
-            if let Some(sample) = bsdf.sample(view, random.at(4), random.at(5), random.at(6)) {
+            if let Some(sample) = sampler.sample(view, random.at(4), random.at(5), random.at(6)) {
                 let value = bsdf.eval_seen(view, sample.wo);
                 collect(&mut pixel, &value, [DISTANT_FILL / sample.pdf; 3]);
             }
@@ -205,7 +208,7 @@ pub(super) fn reflected(
                 }
                 studio.sky(direction)
             };
-            if let Some(sample) = bsdf.sample(view, random.at(4), random.at(5), random.at(6)) {
+            if let Some(sample) = sampler.sample(view, random.at(4), random.at(5), random.at(6)) {
                 let direction = frame.to_world(sample.wo);
                 let value = bsdf.eval_seen(view, sample.wo);
                 let pdf = sample.pdf + window_pdf(studio, direction);
@@ -216,7 +219,7 @@ pub(super) fn reflected(
             let window = &studio.windows[(u as usize).min(2)];
             let direction = window.sample(u.fract(), random.at(8));
             let light = frame.to_local(direction);
-            let pdf = bsdf.pdf(view, light) + window_pdf(studio, direction);
+            let pdf = sampler.pdf(view, light) + window_pdf(studio, direction);
             collect(&mut pixel, &bsdf.eval_seen(view, light), incoming(direction).map(|l| l / pdf));
             pixel
         }

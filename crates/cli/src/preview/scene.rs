@@ -5,7 +5,7 @@ use super::vector::{Vector, add, cross, dot, mix, normalize, scale, smooth};
 
 /// What is looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Shape {
+pub enum Shape {
     /// A unit sphere on the ground z = −1.
     Sphere,
     /// A sheet with folds.
@@ -54,7 +54,9 @@ impl Camera {
 }
 
 impl Shape {
-    pub(super) const fn name(self) -> &'static str {
+    /// Name in file names.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Sphere => "sphere",
             Self::Swatch => "swatch",

@@ -1,0 +1,116 @@
+"""What the derived curves make of the light of the lobes and of the body, channel by channel.
+
+All curves of one place are read together: a record holds all channels at a node, or two neighbouring bands at two
+neighbouring nodes.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import numpy as np
+
+from . import curves
+
+_PI = float(np.pi)
+_NODES = np.arange(curves.NODES)
+
+
+@dataclass
+class Light:
+    """What is reflected, short of all colour: the lobes, cos θo for the base, its depth, and what is shown of its parts."""
+
+    lobe: object
+    cos_o: object
+    depth: object
+    diffuse: object
+    incoherent: object
+
+    def coloured(self, body, scale, rest_i, rest_o, limit, factor, illuminant):
+        """f·cos θo in one channel; scale: that of the base (`_base`)."""
+        # At no viewing angle does the base send out more than it receives.
+        sent = body * dr.fma(self.depth, illuminant - 1.0, 1.0)
+        matte = body * scale / dr.maximum(sent, 1.0) * rest_i * rest_o * self.cos_o
+        return self.lobe * factor * limit + matte * (self.diffuse + self.incoherent * illuminant)
+
+
+def _base(types, derived):
+    """Per channel 1/(π(1 − A_avg)), 0 where nothing is left for the base."""
+    if types.jit:
+        return dr.select(derived.left > 1e-12, 1.0 / (_PI * dr.maximum(derived.left, 1e-12)), 0.0)
+    return np.where(derived.left > 1e-12, 1.0 / (_PI * np.maximum(derived.left, 1e-12)), 0.0)
+
+
+def _limits(types, limit):
+    """Whether the first term has to be limited anywhere; where it has not, nothing is read."""
+    return bool(dr.any(dr.detach(limit) < 1.0)) if types.jit else bool((np.asarray(limit) < 1.0).any())
+
+
+class Channels:
+    """One or three channels, each read by itself (rgb, mono; tables without colour)."""
+
+    def __init__(self, types, derived, _bands):
+        self.types = types
+        self.count = len(derived.left)
+        width = 1 if self.count == 1 else 4
+        # A fourth channel fills the record: it repeats the third.
+        channel = np.minimum(np.arange(width), self.count - 1)
+        places = channel * curves.NODES + _NODES[:, None]
+        store = lambda flat: types.rearranged(flat, places, width)  # noqa: E731
+        self.rest, self.factor, self.illuminant = map(store, (derived.rest, derived.factor, derived.illuminant))
+        self.limit = store(derived.limit) if _limits(types, derived.limit) else None
+        self.base = types.rearranged(_base(types, derived), channel[None], width)
+
+    def shade(self, light, places, view, body, wavelengths, active):
+        """Values of all channels. places: of θi, θo and θd; view: which of them looks at the surface."""
+        at_i, at_o, at_d = places
+        read = lambda store, place: store.between(*place, active)  # noqa: E731
+        scale = self.base.read(self.types.UInt32(0), active)
+        limit = read(self.limit, at_i) if self.limit else [1.0] * self.count
+        records = (
+            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.illuminant, places[view])
+        )  # fmt: skip
+        asked = range(self.count) if wavelengths is None else [0] * len(wavelengths)
+        return [
+            light.coloured(body[k], scale[c], *(record[c] for record in records)) for k, c in enumerate(asked)
+        ]
+
+
+class Bands:
+    """Many bands, read at any wavelength: mixed between the two around it, constant beyond the ends."""
+
+    def __init__(self, types, derived, bands):
+        self.types = types
+        self.first, self.last = float(bands[0]), len(bands) - 1
+        self.per_nm = float(self.last / (bands[-1] - bands[0]))
+        # Records of one place: a band at a node and at the next, then the band above.
+        node = np.minimum(_NODES[:, None] + np.array([0, 1, 0, 1]), curves.STEPS)
+        band = np.arange(self.last)[:, None, None] + np.array([0, 0, 1, 1])
+        store = lambda flat: types.rearranged(flat, band * curves.NODES + node, 4)  # noqa: E731
+        self.rest, self.factor, self.illuminant = map(store, (derived.rest, derived.factor, derived.illuminant))
+        self.limit = store(derived.limit) if _limits(types, derived.limit) else None
+        low = np.arange(self.last)[:, None]
+        self.base = types.rearranged(_base(types, derived), low + np.array([0, 1]), 2)
+
+    def shade(self, light, places, view, body, wavelengths, active):
+        """Values at the wavelengths. places: of θi, θo and θd; view: which of them looks at the surface."""
+        return [self._at(light, places, view, body[k], wavelengths[k], active) for k in range(len(wavelengths))]
+
+    def _at(self, light, places, view, body, nm, active):
+        x = dr.clip((nm - self.first) * self.per_nm, 0.0, float(self.last))
+        band = dr.minimum(self.types.floor(x), self.last - 1)
+
+        def read(store, place):
+            index, fraction = place
+            a, b, c, d = store.read(band * curves.NODES + index, active)
+            return dr.fma(fraction, b - a, a), dr.fma(fraction, d - c, c)
+
+        at_i, at_o, at_d = places
+        scales = self.base.read(band, active)
+        limit = read(self.limit, at_i) if self.limit else (1.0, 1.0)
+        records = (
+            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.illuminant, places[view])
+        )  # fmt: skip
+        below, above = (
+            light.coloured(body, scale, *(record[k] for record in records)) for k, scale in enumerate(scales)
+        )
+        return dr.fma(x - self.types.Float(band), above - below, below)
