@@ -8,7 +8,7 @@ mod specimen;
 
 use bake_brdf::bake::sampling::Shard;
 use bake_brdf::bake::snapshot::{Snapshot, walk_shard};
-use bake_brdf::bake::{Observer, Request, Target};
+use bake_brdf::bake::{Observer, Target};
 use bake_brdf::recipe::Recipe;
 use lut_io::merl::Merl;
 use lut_io::tensor_file::{self, Field};
