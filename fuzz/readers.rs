@@ -3,26 +3,34 @@
 //! Shared by the fuzz targets (`fuzz_targets/`) and by the replay of `corpus/` and `damaged/` in the ordinary tests
 //! (`crates/bake-brdf/tests/damaged_files.rs`). A function here panics where a reader breaks its promise.
 
+use bake_brdf::bake::sampling::Shard;
 use bake_brdf::bake::snapshot::{self, Snapshot};
+use bake_brdf::bake::{self, BakeError, Observer, Request, Target};
+use bake_brdf::effects::Effect;
 use bake_brdf::recipe::Recipe;
 use bake_brdf::scene::Scene;
 use lut_io::exr_file;
 use lut_io::lobe::Interpolant;
+use lut_io::merl::Merl;
 use lut_io::table::Component;
 use lut_io::tensor_file::{self, Field};
 use std::path::Path;
+use std::sync::OnceLock;
+use std::sync::atomic::AtomicBool;
 
 /// A reader: `Err` is the line a user would see.
 pub(crate) type Reader = fn(&[u8]) -> Result<(), String>;
 
 /// Every reader by the name of its target.
-pub(crate) const READERS: [(&str, Reader); 6] = [
+pub(crate) const READERS: [(&str, Reader); 8] = [
     ("table", table),
-    ("recipe", recipe),
-    ("state", state),
-    ("state_body", state_body),
-    ("scene", scene),
     ("bsdf", bsdf),
+    ("merl", merl),
+    ("recipe", recipe),
+    ("scene", scene),
+    ("state", state),
+    ("checkpoint", checkpoint),
+    ("shard", shard),
 ];
 
 /// Layers beyond which a valid recipe is not turned into a stack here: that is memory by request, not by accident.
@@ -91,17 +99,45 @@ pub(crate) fn bsdf(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
+/// Bins of the small MERL files that are tried here: a whole file is 33 MB, which no mutation gets through in time.
+pub(crate) const FEW_BINS: [usize; 3] = [3, 2, 4];
+
+/// MERL files: what is read is written to the same bins again, and no pair of directions falls beyond the last.
+pub(crate) fn merl(bytes: &[u8]) -> Result<(), String> {
+    // As the tools read: of these bytes only header and length can be judged, unless they are a whole file.
+    let merl = match Merl::decode(bytes).or_else(|_| Merl::decode_bins(FEW_BINS, bytes)) {
+        Ok(merl) => merl,
+        Err(flaw) => return refused(flaw),
+    };
+    let again = merl.encode();
+    assert_eq!(again.len(), bytes.len());
+    let directions =
+        [[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [-0.6, 0.0, 0.8], [0.0, 1.0, 5e-324], [1.0, 0.0, 0.0]];
+    for wi in directions {
+        for wo in directions {
+            let value = merl.eval(wi, wo);
+            assert!(value.is_none_or(|rgb| rgb.iter().all(|x| *x >= 0.0 && x.is_finite())), "{value:?}");
+        }
+    }
+    Ok(())
+}
+
 /// Checkpoints and shards as they lie on disk.
 pub(crate) fn state(bytes: &[u8]) -> Result<(), String> {
     match Snapshot::decode(bytes) {
-        Ok(snapshot) => sound(snapshot),
+        Ok(snapshot) => {
+            snapshot.same_bake(&snapshot).expect("a state belongs to its own bake");
+            Ok(())
+        }
         Err(why) => refused(why),
     }
 }
 
-/// The same behind a right checksum, which no mutation of a whole file would ever hit.
-pub(crate) fn state_body(body: &[u8]) -> Result<(), String> {
-    state(&with_checksum(body))
+/// What stands behind the checksum of a state, which no mutation of a whole file would ever hit.
+fn behind_checksum(body: &[u8]) -> Result<Snapshot, String> {
+    let bytes = with_checksum(body);
+    state(&bytes)?;
+    Snapshot::decode(&bytes).map_err(|why| why.to_string())
 }
 
 /// A state file around a body.
@@ -112,20 +148,66 @@ pub(crate) fn with_checksum(body: &[u8]) -> Vec<u8> {
     bytes
 }
 
-fn sound(snapshot: Snapshot) -> Result<(), String> {
-    snapshot.same_bake(&snapshot).expect("a state belongs to its own bake");
+/// Checkpoints behind a right checksum: a bake goes on from what is read, up to its first path.
+pub(crate) fn checkpoint(body: &[u8]) -> Result<(), String> {
+    static STOP: AtomicBool = AtomicBool::new(true);
+    let snapshot = behind_checksum(body)?;
+    let request = match snapshot.request() {
+        Ok(request) if request.recipe.stack.layer_count() <= MOST_LAYERS => request,
+        Ok(_) => return Ok(()),
+        Err(why) => return refused(why),
+    };
+    let observer = Observer { stop: &STOP, ..Observer::idle() };
+    match bake::walk(&request, &observer, Some(snapshot)) {
+        Ok(table) => {
+            table.validate().expect("a table that was gone on with is valid");
+            Ok(())
+        }
+        Err(BakeError::Interrupted) => Ok(()),
+        Err(why) => refused(why),
+    }
+}
+
+/// Shards behind a right checksum: what is read is merged, a half with the other [`half`].
+pub(crate) fn shard(body: &[u8]) -> Result<(), String> {
+    static HALVES: OnceLock<[Snapshot; 2]> = OnceLock::new();
+    let snapshot = behind_checksum(body)?;
     match snapshot.request() {
         Ok(request) if request.recipe.stack.layer_count() <= MOST_LAYERS => (),
         Ok(_) => return Ok(()),
         Err(why) => return refused(why),
     }
-    match snapshot::merge(&[("shard".to_owned(), snapshot)]) {
+    let mut shards = vec![("this".to_owned(), snapshot)];
+    if let Shard { index, count: 2 } = shards[0].1.shard {
+        let other = HALVES.get_or_init(|| [1, 2].map(half))[2 - index as usize].clone();
+        shards.push(("other".to_owned(), other));
+    }
+    match snapshot::merge(&shards) {
         Ok(table) => {
             table.validate().expect("a merged table is valid");
             Ok(())
         }
         Err(why) => refused(why),
     }
+}
+
+/// A small bake, to be halved: two blocks of paths through three layers.
+pub(crate) fn small_bake(target: Target) -> Request {
+    let recipe = Recipe::from_json(r#"{"stack":{"layers":3}}"#).expect("a recipe");
+    Request {
+        // Colours take longer than all the rest.
+        effects: [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect(),
+        incident_deg: vec![40.0],
+        seed: 3,
+        event_cap: 1000,
+        ..Request::new(recipe, target)
+    }
+}
+
+/// Shard 1 or 2 of 2 of the small bake.
+pub(crate) fn half(index: u32) -> Snapshot {
+    snapshot::walk_shard(&small_bake(Target::Paths(40_000)), Shard { index, count: 2 }, &Observer::idle())
+        .expect("a shard")
 }
 
 /// Mitsuba scenes: what is read can be copied.

@@ -66,10 +66,24 @@ def bake_of(folder, seconds):
     return [*args, "--paths", int(rate * seconds)]
 
 
+def seconds_to_a_checkpoint(folder, args):
+    """How long a life takes here until it has something to be resumed from."""
+    checkpoint = folder / "pearl.exr.checkpoint"
+    start = time.monotonic()
+    life = started(folder, *args, "--resume", "--checkpoint-every", 0.1, "-q")
+    wait_for(checkpoint)
+    seconds = time.monotonic() - start
+    life.kill()
+    life.communicate()
+    checkpoint.unlink()
+    return seconds
+
+
 def test_kills_at_random_moments_cost_nothing_but_time(tmp_path):
-    # A life lasts up to 0.8 s and keeps what it walked every tenth of a second: the bake is long enough to be killed
-    # KILLS times before it is through, even if the machine gets faster meanwhile.
-    args = bake_of(tmp_path, 0.5 * KILLS)
+    # Lives keep what they walked every tenth of a second, and last up to twice as long as the first checkpoint takes, on
+    # a busy machine too. The bake is long enough to be killed KILLS times before it is through.
+    longest = max(0.8, 2 * seconds_to_a_checkpoint(tmp_path, bake_of(tmp_path, 20)))
+    args = bake_of(tmp_path, 0.625 * longest * KILLS)
     whole = baked(tmp_path, *args)
     moments = random.Random(SEED)
     output, checkpoint = tmp_path / "pearl.exr", tmp_path / "pearl.exr.checkpoint"
@@ -78,7 +92,7 @@ def test_kills_at_random_moments_cost_nothing_but_time(tmp_path):
         resumed += checkpoint.exists()
         life = started(tmp_path, *args, "--resume", "--checkpoint-every", 0.1, "-q")
         try:
-            life.wait(timeout=moments.uniform(0.0, 0.8))
+            life.wait(timeout=moments.uniform(0.0, longest))
         except subprocess.TimeoutExpired:
             life.send_signal(signal.SIGKILL)
         life.communicate()

@@ -8,13 +8,15 @@ mod specimen;
 
 use bake_brdf::bake::sampling::Shard;
 use bake_brdf::bake::snapshot::{Snapshot, walk_shard};
-use bake_brdf::bake::{Observer, Request, Target};
+use bake_brdf::bake::{Observer, Target};
 use bake_brdf::recipe::Recipe;
+use lut_io::merl::Merl;
 use lut_io::tensor_file::{self, Field};
-use readers::{READERS, Reader};
+use readers::{FEW_BINS, READERS, Reader};
 use std::fs;
 use std::panic::catch_unwind;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Mutations tried on each reader in the ordinary tests; the ignored test takes as many as NACRE_EXECUTIONS says.
 const MUTATIONS: u64 = 4_000;
@@ -190,14 +192,13 @@ fn write_the_corpora() {
 }
 
 fn small_state(paths: u64) -> Snapshot {
-    let recipe = Recipe::from_json(r#"{"stack":{"layers":3}}"#).expect("a recipe");
-    let request = Request {
-        incident_deg: vec![40.0],
-        seed: 3,
-        event_cap: 1000,
-        ..Request::new(recipe, Target::Paths(paths))
-    };
+    let request = readers::small_bake(Target::Paths(paths));
     walk_shard(&request, Shard::WHOLE, &Observer::idle()).expect("a shard")
+}
+
+/// A state from which there is still something to walk.
+fn begun(target: Target) -> Snapshot {
+    Snapshot { target, ..small_state(8192) }
 }
 
 fn body(snapshot: &Snapshot) -> Vec<u8> {
@@ -244,8 +245,25 @@ fn seeds(target: &str) -> Vec<Named> {
                 r#"{"schema":"pearl-recipe/1","stack":{"layers":9,"count":"pairs"},"facets":{"normals":"visible"}}"#,
             ),
         ],
-        "state" => vec![("whole", readers::with_checksum(&body(&small_state(3000))))],
-        "state_body" => vec![("whole", body(&small_state(3000))), ("empty", body(&small_state(1)))],
+        "merl" => vec![
+            ("grey", Merl::tabulate_bins(FEW_BINS, |_, _| [0.25; 3]).encode()),
+            ("mirror", Merl::tabulate_bins(FEW_BINS, |wi, wo| [wi[2], wo[2], wi[0] * wi[0]]).encode()),
+        ],
+        "state" => vec![
+            ("whole", readers::with_checksum(&body(&small_state(3000)))),
+            ("half", readers::with_checksum(&body(&readers::half(1)))),
+        ],
+        "checkpoint" => vec![
+            ("finished", body(&small_state(3000))),
+            ("accuracy", body(&begun(Target::AccuracyPercent(0.5)))),
+            ("time", body(&begun(Target::Time(Duration::from_secs(5))))),
+        ],
+        "shard" => vec![
+            ("whole", body(&small_state(3000))),
+            ("empty", body(&small_state(1))),
+            ("first", body(&readers::half(1))),
+            ("second", body(&readers::half(2))),
+        ],
         "scene" => vec![
             text("plain", "<scene version=\"3.0.0\"/>"),
             text(
@@ -339,26 +357,55 @@ fn made_up(target: &str) -> Vec<Named> {
                 ("flipped", flipped),
             ]
         }
-        "state_body" => {
-            let changed = |change: fn(&mut Snapshot)| {
-                let mut snapshot = small_state(3000);
-                change(&mut snapshot);
-                body(&snapshot)
+        "merl" => {
+            let whole = &seeds(target)[0].1;
+            let hurt = |at: usize, bytes: &[u8]| {
+                let mut file = whole.clone();
+                file[at..at + bytes.len()].copy_from_slice(bytes);
+                file
             };
             vec![
                 ("nothing", Vec::new()),
-                ("huge-length", vec![0xff; 64]),
-                ("shards-without-end", changed(|s| s.shard.count = u32::MAX)),
-                ("shard-zero", changed(|s| s.shard.index = 0)),
-                ("no-tallies", changed(|s| s.state.tallies.clear())),
-                ("no-positions", changed(|s| s.state.position.clear())),
-                ("endless-target", changed(|s| s.state.targets[0] = u64::MAX)),
-                ("more-paths-than-walked", changed(|s| s.state.tallies[0].paths += 1)),
-                ("paths-without-end", changed(|s| s.state.tallies[0].paths = u64::MAX)),
-                ("other-recipe", changed(|s| s.recipe = r#"{"stack":{"layers":0}}"#.to_owned())),
-                ("bad-incidence", changed(|s| s.incident_deg[0] = f64::NAN)),
+                ("header", whole[..12].to_vec()),
+                ("half", whole[..whole.len() / 2].to_vec()),
+                ("one-byte-more", [whole.as_slice(), &[0]].concat()),
+                ("real-header", hurt(0, &[90_i32, 90, 180].map(i32::to_le_bytes).concat())),
+                ("huge-header", hurt(0, &[0x7f; 12])),
+                ("negative-header", hurt(0, &[0xff; 12])),
+                ("nan", hurt(12, &f64::NAN.to_le_bytes())),
+                ("infinity", hurt(12, &f64::INFINITY.to_le_bytes())),
             ]
         }
+        "checkpoint" => {
+            let changed = |change: fn(&mut Snapshot)| {
+                let mut snapshot = begun(Target::AccuracyPercent(0.5));
+                change(&mut snapshot);
+                body(&snapshot)
+            };
+            [
+                damaged_state(changed),
+                vec![
+                    // Of a whole bake nothing is left out.
+                    ("position-past-the-paths", changed(|s| s.state.position[0] *= 2)),
+                    (
+                        "position-inside-a-chunk",
+                        changed(|s| {
+                            *s = small_state(3000);
+                            s.target = Target::AccuracyPercent(0.5);
+                            s.state.targets[0] = 8192;
+                        }),
+                    ),
+                    ("accuracy-not-a-number", changed(|s| s.target = Target::AccuracyPercent(f64::NAN))),
+                    ("no-time", changed(|s| s.target = Target::Time(Duration::ZERO))),
+                ],
+            ]
+            .concat()
+        }
+        "shard" => damaged_state(|change| {
+            let mut snapshot = small_state(3000);
+            change(&mut snapshot);
+            body(&snapshot)
+        }),
         "scene" => vec![
             ("nothing", Vec::new()),
             ("not-utf8", vec![b'<', 0xff, 0xfe, 0x00]),
@@ -382,4 +429,21 @@ fn made_up(target: &str) -> Vec<Named> {
         ],
         other => panic!("{other} has no damaged files"),
     }
+}
+
+/// Bodies that neither a checkpoint nor a shard may have.
+fn damaged_state(changed: impl Fn(fn(&mut Snapshot)) -> Vec<u8>) -> Vec<Named> {
+    vec![
+        ("nothing", Vec::new()),
+        ("huge-length", vec![0xff; 64]),
+        ("shards-without-end", changed(|s| s.shard.count = u32::MAX)),
+        ("shard-zero", changed(|s| s.shard.index = 0)),
+        ("no-tallies", changed(|s| s.state.tallies.clear())),
+        ("no-positions", changed(|s| s.state.position.clear())),
+        ("endless-target", changed(|s| s.state.targets[0] = u64::MAX)),
+        ("more-paths-than-walked", changed(|s| s.state.tallies[0].paths += 1)),
+        ("paths-without-end", changed(|s| s.state.tallies[0].paths = u64::MAX)),
+        ("other-recipe", changed(|s| s.recipe = r#"{"stack":{"layers":0}}"#.to_owned())),
+        ("bad-incidence", changed(|s| s.incident_deg[0] = f64::NAN)),
+    ]
 }

@@ -14,12 +14,16 @@ use lut_io::axis::ExitAxis;
 use lut_io::lobe::Interpolant;
 use lut_io::measure;
 use lut_io::table::{Component, Table};
-use pearl_bsdf::{Controls, PearlBsdf};
+use pearl_bsdf::{Components, Controls, PearlBsdf};
+use rand::rngs::SmallRng;
+use rand::{Rng as _, SeedableRng as _, TryRng};
 use serde::Deserialize;
+use std::convert::Infallible;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 use transport::walk::lanes::{Precision, Walker};
+use transport::walk::reference::{Estimator, Reference};
 use transport::walk::{Exit, Fate};
 use transport::{Facets, Geometry, Normals, Transport, doubling};
 
@@ -93,7 +97,18 @@ enum Measure {
     },
     Sample {
         wi: [f64; 3],
+        component: Shown,
     },
+    CornerWords {
+        stack: Stack,
+        theta_i_deg: f64,
+        geometry: Shape,
+        estimator: Sampling,
+    },
+    Moments,
+    ReadingF32,
+    EvalF32,
+    SampleF32,
     Refused {
         stack: Stack,
         theta_i_deg: f64,
@@ -122,6 +137,24 @@ enum Naive {
     Single,
     Literal,
     Clear,
+    Pairs,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Shown {
+    All,
+    Diffuse,
+    Mirror,
+    Blur,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Sampling {
+    Analog,
+    Forced,
+    Visible,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -167,6 +200,11 @@ fn vacuum() -> f64 {
 }
 
 impl Stack {
+    /// The paper's pearl.
+    fn paper() -> Self {
+        Self { layers: 500, odd: 1.53, even: 1.43, substrate: 1.53, sigma_deg: 2.0, ambient: 1.0, k_odd: 0.0 }
+    }
+
     fn transport(&self) -> Transport {
         let sigma = self.sigma_deg.to_radians();
         let mut transport = Transport::alternating(self.layers, self.odd, self.even, self.substrate, sigma);
@@ -269,6 +307,9 @@ fn solved(
     }
 }
 
+/// Stands for a refusal in one line.
+const REFUSED: f64 = f64::MIN;
+
 /// What a case came to.
 struct Found {
     answer: f64,
@@ -302,6 +343,7 @@ fn run(measure: &Measure) -> Result<Found, String> {
             let naive = match naive {
                 Naive::Angles => naive::star_by_angles_in_f32(&transport, theta.to_radians()),
                 Naive::Single => naive::each_interface_once(&transport, theta.to_radians()),
+                Naive::Pairs => naive::whole_pairs(&transport, theta.to_radians()),
                 Naive::Literal => naive::literal_walk(&transport, theta.to_radians()),
                 Naive::Clear => {
                     let clear =
@@ -357,13 +399,22 @@ fn run(measure: &Measure) -> Result<Found, String> {
             let error = (ours - answer).abs() / if answer > 0.0 { answer } else { 1.0 };
             Ok(Found { answer, naive, ours, error, unit: if answer > 0.0 { " relative" } else { "" } })
         }
-        Measure::Sample { wi } => Ok(sample(unit(*wi))),
+        Measure::Sample { wi, component } => Ok(sample(unit(*wi), *component)),
+        Measure::CornerWords { stack, theta_i_deg, geometry, estimator } => {
+            Ok(corner_words(stack.transport(), theta_i_deg.to_radians(), *geometry, *estimator))
+        }
+        Measure::Moments => Ok(moments()),
+        Measure::ReadingF32 => Ok(reading_in_f32()),
+        Measure::EvalF32 => Ok(eval_in_f32()),
+        Measure::SampleF32 => Ok(sample_in_f32()),
         Measure::Refused { stack, theta_i_deg } => {
             match doubled(&stack.transport(), Shape::Plane, *theta_i_deg) {
                 // One line that names a number and its range; no number is better than a smeared one.
                 Err(why) if why.lines().count() == 1 && why.contains('=') => {
-                    let refused = f64::INFINITY;
-                    Ok(Found { answer: refused, naive: refused, ours: refused, error: 0.0, unit: "" })
+                    let sigma = stack.sigma_deg.to_radians();
+                    let naive = naive::lobe_on_a_grid(sigma, theta_i_deg.to_radians());
+                    // Where a number would stand there is none.
+                    Ok(Found { answer: 2.0 * sigma, naive, ours: REFUSED, error: 0.0, unit: "" })
                 }
                 Err(why) => Err(format!("refused without a reason: {why}")),
                 Ok(shares) => Err(format!("not refused: albedo {}", shares.albedo)),
@@ -392,6 +443,10 @@ fn sum(weight: f64, doublings: u32) -> Found {
     assert_eq!(tally.paths, paths);
     assert_eq!(tally.component(Component::Interior).count.iter().sum::<u64>(), paths, "a path was lost");
     let naive = naive::f32_sum(weight as f32, paths) / paths as f64;
+    // Sums of angles take part: the moments of so many equal paths are those of one chunk.
+    let mut chunk = Tally::new(cells.count());
+    chunk.add_chunk(&cells, &vec![exit; CHUNK as usize]);
+    assert_eq!(tally.moments(0.5), chunk.moments(0.5), "a sum of angles lost a unit");
     // The walk's weights are f32: a third is the nearest of those.
     Found::absolute(f64::from(weight as f32), naive, tally.summary(0.0).albedo)
 }
@@ -481,8 +536,21 @@ fn between() -> Found {
     Found { answer: 0.0, naive, ours, error: ours, unit: " total variation" }
 }
 
+/// The BSDF with one component shown.
+fn showing(component: Shown) -> PearlBsdf {
+    let none = Components { diffuse: false, incoherent: false, mirror: false, blur: false };
+    let components = match component {
+        Shown::All => Components::ALL,
+        Shown::Diffuse => Components { diffuse: true, ..none },
+        Shown::Mirror => Components { mirror: true, ..none },
+        Shown::Blur => Components { blur: true, ..none },
+    };
+    let controls = Controls { components, ..*bsdf().controls() };
+    PearlBsdf::from_table(lobe().table().clone(), controls).expect("a BSDF")
+}
+
 /// Largest departure from a unit vector with its own density over the corners of the unit cube.
-fn sample(wi: [f64; 3]) -> Found {
+fn sample(wi: [f64; 3], component: Shown) -> Found {
     let corners = [
         0.0,
         f64::MIN_POSITIVE,
@@ -491,18 +559,21 @@ fn sample(wi: [f64; 3]) -> Found {
         1.0 - f64::from(f32::EPSILON),
         1.0 - f64::EPSILON / 2.0,
     ];
+    let bsdf = showing(component);
     let mut worst = 0.0_f64;
     let mut naive = 0.0_f64;
     let mut nan = false;
+    let mut found_any = false;
     for u1 in corners {
         for u2 in corners {
             let departure = (naive::box_muller_length(u1, u2) - 1.0).abs();
             naive = if departure.is_nan() { departure } else { naive.max(departure) };
             nan |= naive.is_nan();
             for u3 in corners {
-                let Some(found) = bsdf().sample(wi, u1, u2, u3) else { continue };
+                let Some(found) = bsdf.sample(wi, u1, u2, u3) else { continue };
+                found_any = true;
                 let length = found.wo.iter().map(|v| v * v).sum::<f64>().sqrt();
-                let density = bsdf().pdf(wi, found.wo);
+                let density = bsdf.pdf(wi, found.wo);
                 let departures = [length - 1.0, density / found.pdf - 1.0, (-found.wo[2]).max(0.0)];
                 for departure in departures {
                     worst = if departure.is_nan() { f64::NAN } else { worst.max(departure.abs()) };
@@ -510,8 +581,166 @@ fn sample(wi: [f64; 3]) -> Found {
             }
         }
     }
+    assert!(found_any, "no corner of the cube has a direction");
     let naive = if nan { f64::NAN } else { naive };
     Found { answer: 0.0, naive, ours: worst, error: worst, unit: "" }
+}
+
+/// Random numbers of which one is at an end of its range.
+struct Cornered {
+    random: SmallRng,
+    left: usize,
+    word: u64,
+}
+
+impl TryRng for Cornered {
+    type Error = Infallible;
+
+    fn try_next_u32(&mut self) -> Result<u32, Infallible> {
+        Ok((self.try_next_u64()? >> 32) as u32)
+    }
+
+    fn try_next_u64(&mut self) -> Result<u64, Infallible> {
+        let word = self.random.next_u64();
+        let at_corner = self.left == 0;
+        self.left = self.left.wrapping_sub(1);
+        Ok(if at_corner { self.word } else { word })
+    }
+
+    fn try_fill_bytes(&mut self, bytes: &mut [u8]) -> Result<(), Infallible> {
+        self.random.fill_bytes(bytes);
+        Ok(())
+    }
+}
+
+/// Largest departure of the walk's exits from unit vectors of weight 0 … 1, with each of the first 40 random words of a
+/// path in turn at an end of its range.
+fn corner_words(mut transport: Transport, theta_i: f64, geometry: Shape, estimator: Sampling) -> Found {
+    if matches!(estimator, Sampling::Visible) {
+        transport.facets.normals = Normals::Visible;
+    }
+    let reference = Reference {
+        estimator: match estimator {
+            Sampling::Forced => Estimator::ForcedEntry,
+            _ => Estimator::Analog,
+        },
+        ..Reference::new(&transport, self::geometry(geometry))
+    };
+    let mut worst = 0.0_f64;
+    for left in 0..40 {
+        for word in [0, 1, u64::from(u32::MAX), 1 << 63, u64::MAX - 1, u64::MAX] {
+            let mut random = Cornered { random: SmallRng::seed_from_u64(left as u64), left, word };
+            let end = reference.path(theta_i, &mut random);
+            let length = end.direction.iter().map(|v| v * v).sum::<f64>().sqrt();
+            for departure in [length - 1.0, (end.weight - 1.0).max(0.0), (-end.weight).max(0.0)] {
+                worst = if departure.is_nan() { f64::NAN } else { worst.max(departure.abs()) };
+            }
+        }
+    }
+    Found { answer: 0.0, naive: naive::box_muller_length(0.0, 0.5), ours: worst, error: worst, unit: "" }
+}
+
+/// Skewness of the exit angle from the production sums, against two passes in 64 bits.
+fn moments() -> Found {
+    let transport = Stack::paper().transport();
+    let theta_i = 30_f64.to_radians();
+    let exits = exits(&transport, Shape::Plane, theta_i, Precision::Auto, 200_000, 5);
+    let axis = bake::exit_axis(Geometry::Plane, transport.facets.slope_sd);
+    let cells = Cells::new(&axis, theta_i);
+    let mut tally = Tally::new(cells.count());
+    for chunk in exits.chunks(CHUNK as usize) {
+        tally.add_chunk(&cells, chunk);
+    }
+    let up = |exit: &&Exit| matches!(exit.fate, Fate::Single | Fate::Rehit | Fate::Interior);
+    let angles: Vec<f64> = exits.iter().filter(up).map(|exit| cells.locate(exit.direction).0).collect();
+    let n = angles.len() as f64;
+    let mean = angles.iter().sum::<f64>() / n;
+    let central = |power| angles.iter().map(|s| (s - mean).powi(power)).sum::<f64>() / n;
+    let answer = central(3) / central(2).powf(1.5);
+    Found::absolute(answer, naive::skewness_in_f32(&angles), tally.moments(theta_i).skew)
+}
+
+/// Directions over both hemispheres, up to 89.9°, and near each other: where renderers ask.
+fn pairs() -> impl Iterator<Item = ([f64; 3], [f64; 3])> {
+    let angles = [1e-4_f64, 0.02, 0.5, 5.0, 20.0, 45.0, 70.0, 85.0, 89.9];
+    let at = |theta: f64, phi: f64| {
+        let (theta, phi) = (theta.to_radians(), phi.to_radians());
+        [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()]
+    };
+    angles.into_iter().flat_map(move |theta_i| {
+        angles.into_iter().flat_map(move |theta_o| {
+            [180.0, 178.0, 150.0, 90.0, 1.0].into_iter().map(move |phi| (at(theta_i, 0.0), at(theta_o, phi)))
+        })
+    })
+}
+
+fn narrow(w: [f64; 3]) -> [f64; 3] {
+    w.map(|v| f64::from(v as f32))
+}
+
+/// Largest relative difference of `read` at directions of 32 bits from 64 bits, among values above a thousandth of the largest.
+fn largest_difference(
+    read: impl Fn([f64; 3], [f64; 3]) -> f64,
+    other: impl Fn([f64; 3], [f64; 3]) -> f64,
+) -> f64 {
+    let values: Vec<(f64, f64)> = pairs().map(|(wi, wo)| (read(wi, wo), other(wi, wo))).collect();
+    let largest = values.iter().map(|(value, _)| *value).fold(0.0, f64::max);
+    let mut worst = 0.0_f64;
+    for (value, other) in values.iter().filter(|(value, _)| *value > 1e-3 * largest) {
+        let difference = (other / value - 1.0).abs();
+        worst = if difference.is_nan() { f64::NAN } else { worst.max(difference) };
+    }
+    worst
+}
+
+/// The table between its nodes at angles of 32 bits.
+fn reading_in_f32() -> Found {
+    let angle = |w: [f64; 3]| w[0].hypot(w[1]).atan2(w[2]);
+    // φ is counted from the mirror direction.
+    let phi =
+        |wi: [f64; 3], wo: [f64; 3]| (wi[0] * wo[1] - wi[1] * wo[0]).atan2(-(wi[0] * wo[0] + wi[1] * wo[1]));
+    let read = |theta_i, theta_o, phi: f64| lobe().eval(Component::Interior, theta_i, theta_o, phi);
+    let exact = |wi, wo| read(angle(wi), angle(wo), phi(wi, wo));
+    let narrow = |value: f64| f64::from(value as f32);
+    let ours =
+        largest_difference(exact, |wi, wo| read(narrow(angle(wi)), narrow(angle(wo)), narrow(phi(wi, wo))));
+    let naive = largest_difference(exact, |wi, wo| {
+        read(naive::angle_in_f32(wi), naive::angle_in_f32(wo), phi(wi, wo))
+    });
+    Found { answer: 0.0, naive, ours, error: ours, unit: " relative" }
+}
+
+/// The BSDF at directions of 32 bits.
+fn eval_in_f32() -> Found {
+    let luminance = |wi, wo| bsdf().eval(wi, wo).rgb()[1];
+    let ours = largest_difference(luminance, |wi, wo| luminance(narrow(wi), narrow(wo)));
+    let by_acos = |w: [f64; 3]| {
+        let theta = naive::angle_in_f32(w);
+        let phi = w[1].atan2(w[0]);
+        [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()]
+    };
+    let naive = largest_difference(luminance, |wi, wo| luminance(by_acos(wi), by_acos(wo)));
+    Found { answer: 0.0, naive, ours, error: ours, unit: " relative" }
+}
+
+/// A sampled direction handed on in 32 bits: its density there against the one that it was sampled with.
+fn sample_in_f32() -> Found {
+    let mut random = SmallRng::seed_from_u64(9);
+    let mut number = || (random.next_u64() >> 11) as f64 * 2f64.powi(-53);
+    let (mut ours, mut naive) = (0.0_f64, 0.0_f64);
+    for theta_i in [0.5_f64, 30.0, 60.0, 85.0] {
+        let wi = [theta_i.to_radians().sin(), 0.0, theta_i.to_radians().cos()];
+        for _ in 0..500 {
+            let Some(found) = bsdf().sample(wi, number(), number(), number()) else { continue };
+            let departure = |wo| (bsdf().pdf(narrow(wi), wo) / found.pdf - 1.0).abs();
+            // Within a hundredth of a degree of the horizon the last place of an f32 is a share of cos θo itself.
+            if found.wo[2] > 2e-4 {
+                ours = ours.max(departure(narrow(found.wo)));
+                naive = naive.max(departure(found.wo.map(naive::half_float)));
+            }
+        }
+    }
+    Found { answer: 0.0, naive, ours, error: ours, unit: " relative" }
 }
 
 fn root(path: &str) -> PathBuf {
@@ -526,7 +755,9 @@ fn catalogue() -> Vec<Case> {
 fn number(value: f64) -> String {
     match value {
         v if v.is_nan() => "NaN".to_owned(),
-        v if v.is_infinite() => "—".to_owned(),
+        REFUSED => "refused".to_owned(),
+        f64::INFINITY => "∞".to_owned(),
+        f64::NEG_INFINITY => "−∞".to_owned(),
         v if v == 0.0 || (1e-3..1e4).contains(&v.abs()) => format!("{v:.6}"),
         v => format!("{v:.2e}"),
     }
@@ -595,4 +826,45 @@ fn naive_sums_lose_paths_that_ours_keep() {
     let found = sum(1.0, 18);
     assert_eq!(found.ours, 1.0);
     assert!(found.naive < 0.02, "an f32 counter stands still at 2^24 of 2^30: {}", found.naive);
+}
+
+/// What `lut check` says of a table that a hard stack bakes to by either solver.
+#[test]
+fn tables_of_hard_stacks_keep_what_every_table_keeps() {
+    let stacks = [
+        r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":0}}"#,
+        r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":0},"azimuth":{"mode":"walk"}}"#,
+        r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":1e-6}}"#,
+        r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":25},"azimuth":{"mode":"walk"}}"#,
+        r#"{"stack":{"layers":3},"azimuth":{"mode":"walk"}}"#,
+        r#"{"stack":{"conchiolin":{"n":1.5300000015}}}"#,
+        r#"{"stack":{"layers":50,"aragonite":{"n":0.9},"conchiolin":{"n":0.8},"substrate":{"n":1.0}}}"#,
+        r#"{"stack":{"layers":4,"ambient":{"n":1.9},"aragonite":{"n":1.2},"conchiolin":{"n":1.0},"substrate":{"n":1.0}}}"#,
+        r#"{"stack":{"layers":5,"aragonite":{"n":1.0},"conchiolin":{"n":1.0},"substrate":{"n":1.0}}}"#,
+        r#"{"stack":{"layers":10,"aragonite":{"n":1.53,"k":100.0}}}"#,
+        r#"{"stack":{"layers":10,"aragonite":{"n":1.53,"k":1e-12}}}"#,
+    ];
+    for json in stacks {
+        let recipe = Recipe::from_json(json).expect(json);
+        let narrow = recipe.facets.slope_sd_deg == 1e-6;
+        let request = |target| Request {
+            effects: [Effect::Surface, Effect::Blur, Effect::Azimuth, Effect::Absorption]
+                .into_iter()
+                .collect(),
+            incident_deg: vec![0.0, 30.0, 80.0, 89.9999],
+            ..Request::new(recipe.clone(), target)
+        };
+        let walked = bake::walk(&request(Target::Paths(20_000)), &Observer::idle(), None).expect(json);
+        let doubled = bake::doubling(&request(Target::AccuracyPercent(1.0)), Sides::Above);
+        if let Err(why) = &doubled {
+            let line = why.to_string();
+            assert!(narrow && line.lines().count() == 1 && line.contains("use the walk"), "{json}: {line}");
+        }
+        for table in std::iter::once(walked).chain(doubled) {
+            table.validate().expect(json);
+            for finding in lut_io::check::check(&Interpolant::new(table)) {
+                assert_ne!(finding.pass, Some(false), "{json}: {finding:?}");
+            }
+        }
+    }
 }

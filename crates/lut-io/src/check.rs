@@ -26,7 +26,7 @@ pub const RECIPROCITY_TOLERANCE: f64 = 0.05;
 /// Beyond this angle facets shadow each other, which no facet model here knows: reciprocity ends.
 const RECIPROCAL_BELOW_DEG: f64 = 80.0;
 /// Largest step of a cell off the cubic through its four neighbours, beyond six standard errors, as a share of the
-/// largest of the five (or a thousandth of the peak). Noise-free lobes reach 0.13 in space at 90°, 0.03 elsewhere; a cell that is half again as high as it should be is past it.
+/// largest of the five (or a thousandth of the peak of all light). Noise-free lobes reach 0.13 in space at 90°, 0.03 elsewhere; a cell that is half again as high as it should be is past it.
 pub const SMOOTHNESS_TOLERANCE: f64 = 0.25;
 /// Smallest p of the variance of standardised differences that passes for honest: missed by chance once in 3,000.
 pub const HONESTY_SIGNIFICANCE: f64 = 3e-4;
@@ -299,15 +299,36 @@ fn error_bars(table: &Table) -> Option<Finding> {
     ))
 }
 
+/// A lobe narrower than this many of its narrowest cells has no shape that cells could show: smooth interfaces, or
+/// nearly.
+const FEWEST_CELLS: f64 = 2.0;
+
+/// Whether the lobe of incidence i is wide enough to have a shape in the cells.
+fn is_resolved(table: &Table, i: usize) -> bool {
+    let summary = &table.meta.per_incidence[i];
+    let edges = table.meta.exit_axis.columns_at(summary.theta_i_deg.to_radians()).edges();
+    let narrowest = edges.windows(2).map(|edge| edge[1] - edge[0]).fold(f64::INFINITY, f64::min);
+    summary.sd_theta_o_deg.to_radians() >= FEWEST_CELLS * narrowest
+}
+
+/// The largest value of all light of incidence i, per steradian.
+fn peak(table: &Table, i: usize) -> f64 {
+    let [interior, surface] = [&table.interior, &table.surface].map(|lobe| incidence(table, &lobe.value, i));
+    interior.iter().zip(surface).map(|(a, b)| f64::from(a + b)).fold(0.0, f64::max)
+}
+
 /// A cell that sticks out of its neighbours by more than noise can.
 fn smoothness(table: &Table) -> Finding {
     const NOISE: f64 = 6.0;
     let columns = table.meta.exit_axis.columns();
     let mut worst = Worst::new();
     for (i, s) in table.meta.per_incidence.iter().enumerate() {
+        if !is_resolved(table, i) {
+            continue;
+        }
+        let peak = peak(table, i);
         for lobe in [&table.interior, &table.surface] {
             let (values, errors) = (incidence(table, &lobe.value, i), incidence(table, &lobe.std_error, i));
-            let peak = f64::from(values.iter().copied().fold(0.0, f32::max));
             for (v, e) in values.chunks_exact(columns).zip(errors.chunks_exact(columns)) {
                 for (v, e) in v.windows(5).zip(e.windows(5)) {
                     let v: [f64; 5] = std::array::from_fn(|k| f64::from(v[k]));

@@ -13,6 +13,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2, TAU};
 
 /// Narrowest facets that are evaluated, radians: a renderer cannot meet a delta lobe by evaluation.
 pub const MIN_SLOPE_SD: f64 = 1e-4;
+/// Smallest wi·h: a mirror reflection along the surface grows like its inverse without end.
+const GRAZING: f64 = 1e-12;
 /// Beyond this many σ the normal distribution has no mass that f64 sums would see.
 const FAR: f64 = 8.0;
 
@@ -44,11 +46,16 @@ impl Half {
     pub(crate) fn new(wi: Direction, wo: Direction) -> Self {
         let h = [wi[0] + wo[0], wi[1] + wo[1], wi[2] + wo[2]];
         let length2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
-        // |wi + wo| = 2 cos θd.
-        let length = length2.sqrt();
+        // |wi + wo| = 2 cos θd. Two directions within 1e-150 of opposite horizons have a square of 0.
+        let length = if length2 > 1e-300 { length2.sqrt() } else { h[0].hypot(h[1]).hypot(h[2]) };
         let (along, across) = azimuth(wi);
         let (hx, hy) = (h[0] * along + h[1] * across, h[1] * along - h[0] * across);
-        Self { p: -hx / h[2], q: -hy / h[2], z: (h[2] / length).min(1.0), cos: (0.5 * length).min(1.0) }
+        Self {
+            p: -hx / h[2],
+            q: -hy / h[2],
+            z: (h[2] / length).min(1.0),
+            cos: (0.5 * length).clamp(GRAZING, 1.0),
+        }
     }
 }
 

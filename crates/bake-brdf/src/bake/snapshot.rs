@@ -7,7 +7,7 @@
 use super::sampling::{self, Sampling, Shard, State};
 use super::{BakeError, Observer, Request, Target, assemble};
 use crate::effects::Effect;
-use crate::tally::Tally;
+use crate::tally::{CHUNK, Tally};
 use lut_io::table::Table;
 use serde::{Deserialize, Serialize};
 use std::io;
@@ -187,7 +187,15 @@ impl Snapshot {
         if position.iter().chain(targets).any(|&paths| paths > sampling::MAX_PATHS) {
             return Err("it claims more paths than a bake can have");
         }
-        let walked = tallies.iter().zip(position).all(|(tally, &position)| tally.paths <= position);
+        // A chunk is rounded as a whole: only the last one of a round may be shorter than the others.
+        let chunks = position.iter().zip(targets);
+        if chunks.into_iter().any(|(position, target)| position < target && !position.is_multiple_of(CHUNK)) {
+            return Err("it stopped inside a chunk of paths");
+        }
+        // A whole bake has walked every path up to its position, a shard its blocks of them.
+        let walked = tallies.iter().zip(position).all(|(tally, &position)| {
+            if self.shard == Shard::WHOLE { tally.paths == position } else { tally.paths <= position }
+        });
         if !walked || !tallies.iter().all(Tally::is_consistent) {
             return Err("its sums do not add up");
         }

@@ -61,6 +61,8 @@ fn fresnel(n1: f64, n2: f64, cos1: f64, cos2: f64) -> f64 {
 /// The same in 32 bits, with angles: sin(a − b)/sin(a + b) and tan(a − b)/tan(a + b).
 pub(crate) fn star_by_angles_in_f32(transport: &Transport, theta_i: f64) -> f64 {
     let n: Vec<f32> = transport.indices.iter().map(|n| *n as f32).collect();
+    // A renderer has directions, not angles.
+    let theta_i = f64::from((theta_i.cos() as f32).acos());
     let angle = |m: usize| (n[0] * (theta_i as f32).sin() / n[m]).asin();
     let reflectance = |i: usize| {
         let (a, b) = (angle(i), angle(i + 1));
@@ -164,4 +166,55 @@ pub(crate) fn box_muller_length(u1: f64, u2: f64) -> f64 {
     let normal = [radius * (2.0 * PI * u2).cos(), radius * (2.0 * PI * u2).sin(), 1.0];
     let length = normal.iter().map(|v| v * v).sum::<f64>().sqrt();
     normal.map(|v| v / length).iter().map(|v| v * v).sum::<f64>().sqrt()
+}
+
+/// A stack of so many layers as whole pairs hold, as one doubles.
+pub(crate) fn whole_pairs(transport: &Transport, theta_i: f64) -> f64 {
+    let layers = transport.layers().next_multiple_of(2);
+    let (odd, even) = (transport.indices[1], 1.43);
+    let substrate = transport.indices[transport.layers() + 1];
+    star(&Transport::alternating(layers, odd, even, substrate, 0.0), theta_i)[0]
+}
+
+/// Standard deviation (radians) of a mirror lobe of 2σ on a grid of half degrees, each ray shared by its two nodes.
+pub(crate) fn lobe_on_a_grid(sigma: f64, theta_i: f64) -> f64 {
+    let step = 0.5_f64.to_radians();
+    let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
+    for k in -30..=30 {
+        let slope = f64::from(k) / 5.0;
+        let weight = (-0.5 * slope * slope).exp();
+        // Between two nodes, as most angles are.
+        let place = (theta_i + 2.0 * sigma * slope) / step + 0.37;
+        for (node, share) in [(place.floor(), 1.0 - place.fract()), (place.floor() + 1.0, place.fract())] {
+            let x = (node - place.floor()) * step;
+            sum += weight * share;
+            first += weight * share * x;
+            second += weight * share * x * x;
+        }
+    }
+    (second / sum - (first / sum).powi(2)).sqrt()
+}
+
+/// Skewness from sums of powers in 32 bits, term by term.
+pub(crate) fn skewness_in_f32(angles: &[f64]) -> f64 {
+    let mut sums = [0.0_f32; 3];
+    for angle in angles {
+        let degrees = angle.to_degrees() as f32;
+        for (sum, power) in sums.iter_mut().zip([degrees, degrees * degrees, degrees * degrees * degrees]) {
+            *sum += power;
+        }
+    }
+    let [mean, second, third] = sums.map(|sum| sum / angles.len() as f32);
+    let variance = second - mean * mean;
+    f64::from((third - 3.0 * mean * second + 2.0 * mean * mean * mean) / variance.powf(1.5))
+}
+
+/// θ by acos in 32 bits.
+pub(crate) fn angle_in_f32(w: [f64; 3]) -> f64 {
+    f64::from((w[2] as f32).acos())
+}
+
+/// A number kept in 16 bits.
+pub(crate) fn half_float(value: f64) -> f64 {
+    half(value as f32)
 }
