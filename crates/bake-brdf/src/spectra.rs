@@ -12,6 +12,7 @@
 //!
 //! Each of the two is computed only where it is [`Wanted`].
 
+use crate::bake::Bands;
 use crate::effects::{Effect, EffectSet};
 use crate::recipe::{Recipe, RecipeError};
 use lut_io::error::Flaw;
@@ -164,11 +165,11 @@ impl Colours {
     }
 }
 
-/// The colours of a recipe that are wanted: a fraction of a second for a regular stack, seconds for an irregular one.
+/// The colours of a recipe that are wanted, of a lobe that is solved in `bands`: a fraction of a second for a regular stack, seconds for an irregular one.
 ///
 /// # Errors
 /// A recipe that the transport problem refuses; a [`Want::Required`] colour of a stack whose waves cannot be followed.
-pub fn of(recipe: &Recipe, wanted: Wanted) -> Result<Colours, SpectraError> {
+pub fn of(recipe: &Recipe, wanted: Wanted, bands: &Bands) -> Result<Colours, SpectraError> {
     let mut colours = Colours {
         spectra: Spectra { wavelength_nm: band_centres_nm(), ..Spectra::default() },
         missing: Vec::new(),
@@ -187,7 +188,7 @@ pub fn of(recipe: &Recipe, wanted: Wanted) -> Result<Colours, SpectraError> {
         }
     };
     let coherent =
-        attempt(Effect::Coherent, wanted.coherent, &|| coherent(recipe, wanted).map(Part::Coherent))?;
+        attempt(Effect::Coherent, wanted.coherent, &|| coherent(recipe, wanted, bands).map(Part::Coherent))?;
     let illuminant =
         attempt(Effect::Illuminant, wanted.illuminant, &|| illuminant(recipe, wanted).map(Part::Illuminant))?;
     for part in coherent.into_iter().chain(illuminant) {
@@ -204,9 +205,8 @@ enum Part {
     Illuminant(Illuminant),
 }
 
-/// The walk whose lobe the coherent colours multiply.
-fn walked(recipe: &Recipe, wanted: Wanted) -> Result<Transport, RecipeError> {
-    let wavelength = recipe.wavelength();
+/// The walk at a wavelength (metres) whose lobe the coherent colours multiply.
+fn walked(recipe: &Recipe, wanted: Wanted, wavelength: f64) -> Result<Transport, RecipeError> {
     let mut transport = if wanted.coherent_sheets {
         recipe.sheet_transport(wavelength)
     } else {
@@ -221,8 +221,9 @@ fn walked(recipe: &Recipe, wanted: Wanted) -> Result<Transport, RecipeError> {
     Ok(transport)
 }
 
-fn coherent(recipe: &Recipe, wanted: Wanted) -> Result<Coherent, SpectraError> {
-    let transport = walked(recipe, wanted)?;
+fn coherent(recipe: &Recipe, wanted: Wanted, bands: &Bands) -> Result<Coherent, SpectraError> {
+    let walks = bands.all_nm().map(|nm| walked(recipe, wanted, 1e-9 * nm));
+    let walks: Vec<Transport> = walks.collect::<Result<_, _>>()?;
     let stack = wave_stack(recipe, wanted);
     let (theta_deg, effort) = coherent_effort(&stack);
     let Effort { per_band, members, .. } = effort;
@@ -233,10 +234,16 @@ fn coherent(recipe: &Recipe, wanted: Wanted) -> Result<Coherent, SpectraError> {
         .par_iter()
         .zip(reflectance)
         .map(|(theta, reflectance)| {
-            let incoherent = incoherent_reflectance(&transport, *theta);
-            let most = 1.0 / incoherent;
-            let modulation: Vec<f64> = reflectance.iter().map(|r| (r * most).clamp(0.0, most)).collect();
-            Row { bands: band_means(&modulation), rgb: rgb(&modulation, most), scale: incoherent }
+            let walked: Vec<f64> = walks.iter().map(|walk| incoherent_reflectance(walk, *theta)).collect();
+            // Where the lobe is read between bands, so is what it tends to.
+            let incoherent = |(band, share): (usize, f64)| share * walked[band];
+            let modulated = |(r, metres): (&f64, &f64)| {
+                let most = 1.0 / bands.shares(1e9 * metres).map(incoherent).iter().sum::<f64>();
+                (r * most).clamp(0.0, most)
+            };
+            let modulation: Vec<f64> = reflectance.iter().zip(&wavelengths).map(modulated).collect();
+            let least = walked.iter().copied().fold(f64::INFINITY, f64::min);
+            Row { bands: band_means(&modulation), rgb: rgb(&modulation, 1.0 / least), scale: least }
         })
         .collect();
     Ok(Coherent {
@@ -450,7 +457,7 @@ fn shortened(mut stack: Stack, most: usize) -> Stack {
 }
 
 /// Reflectance of the stack when intensities add: the walk with flat interfaces, in the walk's light and at its sheets.
-fn incoherent_reflectance(transport: &Transport, theta: f64) -> f64 {
+pub(crate) fn incoherent_reflectance(transport: &Transport, theta: f64) -> f64 {
     let pile = |share_of_s: f64| pile_reflectance(transport, theta, share_of_s);
     let reflectance = match transport.light {
         Light::Unpolarised => pile(0.5),
@@ -502,6 +509,11 @@ fn fresnel(n1: f64, cos1: f64, n2: f64, cos2: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The colours of a lobe at the recipe's wavelength alone.
+    fn of(recipe: &Recipe, wanted: Wanted) -> Result<Colours, SpectraError> {
+        super::of(recipe, wanted, &Bands::own(recipe))
+    }
 
     const BOTH: Wanted = Wanted {
         coherent: Want::Required,

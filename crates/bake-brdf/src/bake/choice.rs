@@ -46,7 +46,8 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
     if let Err(why) = settings.check(&transport, request.geometry(), &request.theta_i()) {
         return Ok((SolverChoice::Walk, format!("doubling is out of reach here: {why}")));
     }
-    let by_doubling = doubling_seconds(request, &transport, &settings);
+    let bands = 1 + request.bands()?.further_nm.len();
+    let by_doubling = bands as f64 * doubling_seconds(request, &transport, &settings);
     let by_walk = walk_seconds(request, &transport, percent / 100.0)?;
     let choice = if by_doubling <= by_walk { SolverChoice::Doubling } else { SolverChoice::Walk };
     let reason = format!(
