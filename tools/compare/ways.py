@@ -53,8 +53,8 @@ class Plugin:
         return of_mitsuba(self.bsdf, samples, wavelengths)
 
     def sampler(self, wi, u, uv):
-        """Exit directions and densities: from the plugin, every third from a cosine, so that another way's light where
-        the plugin has next to none weighs what it is."""
+        """Exit directions and densities: from the plugin, every third from the whole hemisphere alike, so that another way's
+        light where the plugin has next to none, as at the horizon, weighs what it is."""
         si = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))
         si.wi = wi
         if "spectral" in mi.variant():
@@ -62,8 +62,8 @@ class Plugin:
         ctx = mi.BSDFContext()
         even = u < 1 / 3
         sample, _ = self.bsdf.sample(ctx, si, dr.clip(1.5 * (u - 1 / 3), 0.0, 1.0 - 1e-7), uv)
-        wo = dr.select(even, mi.warp.square_to_cosine_hemisphere(uv), sample.wo)
-        pdf = self.bsdf.pdf(ctx, si, wo) * (2 / 3) + wo.z / (3 * dr.pi)
+        wo = dr.select(even, mi.warp.square_to_uniform_hemisphere(uv), sample.wo)
+        pdf = self.bsdf.pdf(ctx, si, wo) * (2 / 3) + 1 / (6 * dr.pi)
         return wo, dr.select(even | (sample.pdf > 0), pdf, 0)
 
 

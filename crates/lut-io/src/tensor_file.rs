@@ -33,10 +33,17 @@ impl Values {
         }
     }
 
-    fn bytes(&self) -> Vec<u8> {
+    const fn bytes(&self) -> usize {
         match self {
-            Self::U8(bytes) => bytes.clone(),
-            Self::F32(numbers) => numbers.iter().flat_map(|x| x.to_le_bytes()).collect(),
+            Self::U8(bytes) => bytes.len(),
+            Self::F32(numbers) => 4 * numbers.len(),
+        }
+    }
+
+    fn append_to(&self, file: &mut Vec<u8>) {
+        match self {
+            Self::U8(bytes) => file.extend(bytes),
+            Self::F32(numbers) => file.extend(numbers.iter().flat_map(|x| x.to_le_bytes())),
         }
     }
 }
@@ -82,24 +89,24 @@ pub fn encode(fields: &[Field]) -> Result<Vec<u8>, Flaw> {
     let header: usize = fields.iter().map(|f| 2 + f.name.len() + 2 + 1 + 8 + 8 * f.shape.len()).sum();
     let mut bytes = MAGIC.to_vec();
     bytes.extend((fields.len() as u32).to_le_bytes());
-    let mut offset = bytes.len() + header;
-    let mut arrays: Vec<(usize, Vec<u8>)> = Vec::with_capacity(fields.len());
+    let mut end = bytes.len() + header;
+    let mut starts = Vec::with_capacity(fields.len());
     for field in fields {
-        offset = offset.next_multiple_of(ALIGNMENT);
-        let array = field.values.bytes();
+        let start = end.next_multiple_of(ALIGNMENT);
         bytes.extend((field.name.len() as u16).to_le_bytes());
         bytes.extend(field.name.as_bytes());
         bytes.extend((field.shape.len() as u16).to_le_bytes());
         bytes.push(if matches!(field.values, Values::U8(_)) { U8 } else { F32 });
-        bytes.extend((offset as u64).to_le_bytes());
+        bytes.extend((start as u64).to_le_bytes());
         bytes.extend(field.shape.iter().flat_map(|extent| (*extent as u64).to_le_bytes()));
-        let end = offset + array.len();
-        arrays.push((offset, array));
-        offset = end;
+        end = start + field.values.bytes();
+        starts.push(start);
     }
-    for (start, array) in arrays {
+    // A spectral file is some hundred megabytes: it is not to be held twice.
+    bytes.reserve_exact(end - bytes.len());
+    for (start, field) in starts.into_iter().zip(fields) {
         bytes.resize(start, 0);
-        bytes.extend(array);
+        field.values.append_to(&mut bytes);
     }
     Ok(bytes)
 }

@@ -123,6 +123,11 @@ impl PearlBsdf {
         &self.controls
     }
 
+    /// Standard deviation of the slopes of interface 0, radians.
+    pub(crate) const fn slope_sd(&self) -> f64 {
+        self.facets.slope_sd()
+    }
+
     /// Centres of the bands of the interference colours, nm; empty without them.
     #[must_use]
     pub fn band_centres_nm(&self) -> &[f64] {
@@ -133,7 +138,7 @@ impl PearlBsdf {
     #[must_use]
     pub fn eval(&self, wi: Direction, wo: Direction) -> Evaluation {
         let Some(geometry) = self.geometry(wi, wo) else { return Evaluation::default() };
-        self.shade(&self.rgb, &geometry, wo, Viewer::AtExit)
+        self.shade(&self.rgb, &geometry, self.lobes(&geometry), wo, Viewer::AtExit)
     }
 
     /// What a viewer at `view` sees of unit radiance from `light`: f(light → view)·cos θ of the light, linear sRGB, 1/sr.
@@ -144,7 +149,7 @@ impl PearlBsdf {
     #[must_use]
     pub fn eval_seen(&self, view: Direction, light: Direction) -> Evaluation {
         let Some(geometry) = self.geometry(view, light) else { return Evaluation::default() };
-        self.shade(&self.rgb, &geometry, light, Viewer::AtIncidence)
+        self.shade(&self.rgb, &geometry, self.lobes(&geometry), light, Viewer::AtIncidence)
     }
 
     /// f·cos θo of each shown component at one wavelength (nm), 1/sr, in the order of [`Components::NAMES`].
@@ -163,18 +168,32 @@ impl PearlBsdf {
         self.shade_at(view, light, wavelength_nm, Viewer::AtIncidence)
     }
 
+    /// The sum of [`Self::eval_seen_at`] at many wavelengths (nm), for little more than the price of a few.
+    #[must_use]
+    pub fn eval_seen_spectrum(&self, view: Direction, light: Direction, wavelengths_nm: &[f64]) -> Vec<f64> {
+        let Some(geometry) = self.geometry(view, light) else { return vec![0.0; wavelengths_nm.len()] };
+        let lobes = self.lobes(&geometry);
+        let shade =
+            |colours: &Colours| self.shade(colours, &geometry, lobes, light, Viewer::AtIncidence).rgb();
+        if self.bands.is_empty() {
+            let mean = shade(&self.rgb).iter().sum::<f64>() / 3.0;
+            return vec![mean; wavelengths_nm.len()];
+        }
+        // The last group repeats the last band.
+        let bands: Vec<f64> = self.bands.iter().flat_map(shade).take(self.wavelength_nm.len()).collect();
+        wavelengths_nm.iter().map(|nm| at_wavelength(&self.wavelength_nm, &bands, *nm)).collect()
+    }
+
     fn shade_at(&self, wi: Direction, wo: Direction, wavelength_nm: f64, viewer: Viewer) -> [f64; 4] {
         let Some(geometry) = self.geometry(wi, wo) else { return [0.0; 4] };
+        let lobes = self.lobes(&geometry);
         if self.bands.is_empty() {
-            let parts = self.shade(&self.rgb, &geometry, wo, viewer).parts();
+            let parts = self.shade(&self.rgb, &geometry, lobes, wo, viewer).parts();
             return parts.map(|rgb| rgb.iter().sum::<f64>() / 3.0);
         }
-        let nodes = &self.wavelength_nm;
-        let above = nodes.partition_point(|nm| *nm <= wavelength_nm);
-        let (lo, hi) = (above.saturating_sub(1), above.min(nodes.len() - 1));
-        let share = if hi > lo { (wavelength_nm - nodes[lo]) / (nodes[hi] - nodes[lo]) } else { 0.0 };
+        let (lo, hi, share) = around_wavelength(&self.wavelength_nm, wavelength_nm);
         let band = |index: usize| {
-            self.shade(&self.bands[index / 3], &geometry, wo, viewer)
+            self.shade(&self.bands[index / 3], &geometry, lobes, wo, viewer)
                 .parts()
                 .map(|channels| channels[index % 3])
         };
@@ -192,7 +211,10 @@ impl PearlBsdf {
     #[must_use]
     pub fn eval_pdf(&self, wi: Direction, wo: Direction) -> (Evaluation, f64) {
         let Some(geometry) = self.geometry(wi, wo) else { return (Evaluation::default(), 0.0) };
-        (self.shade(&self.rgb, &geometry, wo, Viewer::AtExit), self.density(&geometry, wi, wo))
+        (
+            self.shade(&self.rgb, &geometry, self.lobes(&geometry), wo, Viewer::AtExit),
+            self.density(&geometry, wi, wo),
+        )
     }
 
     /// An exit direction from three uniform numbers in [0, 1); `None` where nothing is reflected, or where the
@@ -252,8 +274,23 @@ impl PearlBsdf {
         Some(Geometry { half: Half::new(wi, wo), incidence, exit, at_i: Place::of_cos(wi[2]) })
     }
 
+    /// f·cos θo of the lobes short of their colour: mirror and blur.
     #[inline]
-    fn shade(&self, colours: &Colours, geometry: &Geometry, wo: Direction, viewer: Viewer) -> Evaluation {
+    fn lobes(&self, geometry: &Geometry) -> [f64; 2] {
+        let [interior, rehit] = self.tabulated.eval(&geometry.incidence, &geometry.exit);
+        let scale = geometry.at_i.read(&self.mirror_scale);
+        [rehit + self.facets.reflection(&geometry.half) * scale, interior]
+    }
+
+    #[inline]
+    fn shade(
+        &self,
+        colours: &Colours,
+        geometry: &Geometry,
+        [mirror, blur]: [f64; 2],
+        wo: Direction,
+        viewer: Viewer,
+    ) -> Evaluation {
         let Controls { depth, components, .. } = self.controls;
         let (at_i, exit) = (geometry.at_i, Place::of_cos(wo[2]));
         let view = match viewer {
@@ -262,15 +299,12 @@ impl PearlBsdf {
         };
         let angles = Angles { incidence: at_i, exit, half: Place::of_cos(geometry.half.cos), view };
         let terms = colours.terms(depth, angles, wo[2]);
-        let scale = at_i.read(&self.mirror_scale);
-        let [interior, rehit] = self.tabulated.eval(&geometry.incidence, &geometry.exit);
-        let mirror = rehit + self.facets.reflection(&geometry.half) * scale;
         let shown = |show: bool, rgb: [f64; 3]| if show { rgb } else { [0.0; 3] };
         Evaluation {
             diffuse: shown(components.diffuse, terms.diffuse),
             incoherent: shown(components.incoherent, terms.incoherent),
             mirror: shown(components.mirror, terms.lobe.map(|factor| factor * mirror)),
-            blur: shown(components.blur, terms.lobe.map(|factor| factor * interior)),
+            blur: shown(components.blur, terms.lobe.map(|factor| factor * blur)),
         }
     }
 
@@ -293,6 +327,19 @@ impl PearlBsdf {
     fn chances(&self, at_i: Place) -> [f64; 4] {
         at_i.read4(&self.chances)
     }
+}
+
+/// The two nodes around a wavelength, and how far (0..1) it is from the first to the second; the end nodes beyond the ends.
+fn around_wavelength(nodes: &[f64], nm: f64) -> (usize, usize, f64) {
+    let above = nodes.partition_point(|node| *node <= nm);
+    let (lo, hi) = (above.saturating_sub(1), above.min(nodes.len() - 1));
+    (lo, hi, if hi > lo { (nm - nodes[lo]) / (nodes[hi] - nodes[lo]) } else { 0.0 })
+}
+
+/// A spectrum known at nodes, read linearly between them and constant beyond the ends.
+pub(crate) fn at_wavelength(nodes: &[f64], values: &[f64], nm: f64) -> f64 {
+    let (lo, hi, share) = around_wavelength(nodes, nm);
+    values[lo] + share * (values[hi] - values[lo])
 }
 
 /// Whether a direction is one, and above the horizon.

@@ -75,6 +75,11 @@ impl Facets {
         }
     }
 
+    /// Standard deviation of a slope, radians.
+    pub(crate) const fn slope_sd(&self) -> f64 {
+        self.sigma
+    }
+
     /// f·cos θo short of the factor that depends on θi alone: P(m)·F/(4 wi·m), times wi·m/m_z for visible facets.
     #[inline]
     pub(crate) fn reflection(&self, half: &Half) -> f64 {

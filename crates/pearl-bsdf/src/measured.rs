@@ -2,10 +2,17 @@
 //!
 //! A pair of directions becomes wi and the half vector m; the unit square of m, (u(θ), u(φ)) = (√(2θ/π), (φ + π)/2π), is
 //! warped by the density `vndf` of each stored incidence, and `rgb` or `spectra` hold f·cos θo·4σ/D at equal steps of the
-//! warped square. All three factors of the format are free: D (`ndf`) and 4σ (`sigma`) are 1, so that no quotient of a
-//! narrow facet density has to be interpolated; `vndf` is a power of the light, which puts nodes where light is and
-//! leaves some to the tails; `luminance` is what sampling by `vndf` leaves. Read back here as Mitsuba does, so that the
-//! error of a file is known from the file.
+//! warped square. The three factors of the format are free. What is chosen here, each for an error that it takes away:
+//! - D (`ndf`) is the facet density of interface 0 on a pedestal, finely resolved: its narrow peak need not be interpolated.
+//! - `vndf` is a power of the light, which puts nodes where light is and leaves some to the tails. It goes on below the
+//!   horizon, and is averaged over neighbouring incidences: readers mix the warps of two incidences, and a horizon or
+//!   a lobe that moves from one to the next would tear the mixture.
+//! - Half vectors whose exit is below the horizon hold the value at the horizon next to them, so that interpolation there
+//!   does not see an edge.
+//! - Linear interpolation lies above a convex function; nodes are lowered by what makes every cell right on average.
+//! - σ (`sigma`) is ¼; `luminance` is what sampling by `vndf` leaves.
+//!
+//! Read back here as Mitsuba does, so that the error of a file is known from the file.
 //!
 //! wi looks at the surface and light arrives from wo: [`PearlBsdf::eval_seen`].
 
@@ -15,23 +22,50 @@ use lut_io::tensor_file::{Field, Values};
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Incidences: every 2° up to 60°, from there to 89.9° with cos θ in equal ratios. In half vectors the width of a lobe across
-/// the plane of incidence goes with 1/cos θ: steps of 1° miss 5 % at 85.5°.
-const STEEP_DEG: f64 = 60.0;
-const STEEP_STEPS: usize = 30;
-const GRAZING_STEPS: usize = 70;
-/// Stands in for 90°, where no light arrives.
-const GRAZING_DEG: f64 = 89.9;
+/// Incidences: from, to and step in degrees. In half vectors the width of a lobe across the plane of incidence goes with
+/// 1/cos θ: steps of 1° miss 5 % at 85.5°. The last stands in for 90°, where no light arrives.
+const INCIDENCES_DEG: [[f64; 3]; 6] = [
+    [60.0, 76.0, 1.0],
+    [76.0, 84.0, 0.5],
+    [84.0, 88.0, 0.25],
+    [88.0, 89.5, 0.125],
+    [89.5, 89.9, 0.1],
+    [89.9, 89.95, 0.05],
+];
+/// Step up to 60°. A stop band of one wavelength sweeps through angles faster than the lobe changes.
+const RGB_STEP_DEG: f64 = 2.0;
+const SPECTRAL_STEP_DEG: f64 = 1.0;
 /// Nodes of `vndf` over φ and θ.
 const VNDF_NODES: [usize; 2] = [128, 96];
-/// Nodes on either side of the warped square.
-const RGB_NODES: usize = 64;
-const SPECTRAL_NODES: usize = 48;
-/// `vndf` is this power of the light per area of the unit square: 1 leaves the tails without nodes (0.55 % at normal
-/// incidence against 0.14 %).
+/// Nodes of `ndf` over θ: facets of 0.01° are still resolved.
+const NDF_NODES: usize = 2048;
+/// Nodes on either side of the warped square, for few channels and for many: a file of 80 wavelengths has 170 MB at 64.
+const NODES: usize = 128;
+const NODES_OF_MANY: usize = 64;
+const MANY: usize = 16;
+/// `vndf` is this power of the light per area of the unit square: 1 leaves the tails without nodes.
 const POWER: f64 = 0.35;
 /// Share of `vndf` that covers all half vectors alike, so that none is out of reach.
 const FLOOR: f64 = 0.05;
+/// How fast `vndf` falls below the horizon, per cos θo below it over sin θm (and the offset).
+const FALL: f64 = 1.0;
+const FALL_OFFSET: f64 = 0.1;
+/// Rows of `vndf` on either side that a row's weight is averaged over, and that its distribution over θm is. Where rows next to
+/// each other have distributions that differ, the warped square is sheared and interpolation across rows meets the wrong θm.
+const WEIGHT_ROWS: usize = 4;
+const SHAPE_ROWS: usize = 10;
+/// Least weight of a row, as a share of the largest.
+const ROW_FLOOR: f64 = 0.05;
+/// Incidences on either side that `vndf` is averaged over, with weights that fall linearly.
+const NEIGHBOURS: usize = 5;
+/// Pedestal of `ndf`, as a share of its peak: about what the interior is to the surface at 85°.
+const PEDESTAL: f64 = 0.02;
+/// A band of the table is left out of a spectral file where neighbours miss it by less than this share of the spectrum's mean.
+const BAND_TOLERANCE: f64 = 1e-3;
+/// Wavelengths of a spectral file of a table without interference colours, nm.
+const PLAIN_NM: [f64; 2] = [360.0, 830.0];
+/// Smallest cos θo that is asked for.
+const LEAST_COS: f64 = 1e-4;
 
 /// What the values of a file are.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,17 +77,21 @@ pub enum Channels {
 }
 
 impl Channels {
-    fn count(&self) -> usize {
+    const fn count(&self) -> usize {
         match self {
             Self::Rgb => 3,
             Self::Spectral(wavelengths) => wavelengths.len(),
         }
     }
 
-    fn nodes(&self) -> usize {
+    const fn nodes(&self) -> usize {
+        if self.count() < MANY { NODES } else { NODES_OF_MANY }
+    }
+
+    const fn step_deg(&self) -> f64 {
         match self {
-            Self::Rgb => RGB_NODES,
-            Self::Spectral(_) => SPECTRAL_NODES,
+            Self::Rgb => RGB_STEP_DEG,
+            Self::Spectral(_) => SPECTRAL_STEP_DEG,
         }
     }
 
@@ -61,21 +99,67 @@ impl Channels {
     fn of(&self, bsdf: &PearlBsdf, wi: Direction, wo: Direction) -> Vec<f64> {
         match self {
             Self::Rgb => bsdf.eval_seen(wi, wo).rgb().to_vec(),
-            Self::Spectral(nm) => nm.iter().map(|nm| bsdf.eval_seen_at(wi, wo, *nm).iter().sum()).collect(),
+            Self::Spectral(nm) => bsdf.eval_seen_spectrum(wi, wo, nm),
         }
     }
+}
+
+/// Wavelengths, nm, between which the spectra of this BSDF are linear to a thousandth of their mean: of the table's bands,
+/// those that are needed. A stop band is narrower than two bands, so that a look with coherence needs nearly all.
+#[must_use]
+pub fn wavelengths_nm(bsdf: &PearlBsdf) -> Vec<f64> {
+    let bands = bsdf.band_centres_nm();
+    let Some(last) = bands.len().checked_sub(1).filter(|last| *last > 0) else { return PLAIN_NM.to_vec() };
+    // Mirror direction, the flank of the lobe, and the base alone, every 5°.
+    let pairs = (0..18).flat_map(|i| [0.0, 8.0, 40.0].map(|off| (5.0 * f64::from(i), off)));
+    let spectra: Vec<Vec<f64>> = pairs
+        .map(|(theta_deg, off_deg): (f64, f64)| {
+            let (theta_i, theta_o) = (theta_deg.to_radians(), (theta_deg - off_deg).to_radians());
+            let (wi, wo) = ([theta_i.sin(), 0.0, theta_i.cos()], [-theta_o.sin(), 0.0, theta_o.cos()]);
+            let spectrum = bsdf.eval_seen_spectrum(wi, wo, bands);
+            let mean = sum(&spectrum) / spectrum.len() as f64;
+            spectrum.into_iter().map(|x| if mean > 0.0 { x / mean } else { x }).collect()
+        })
+        .collect();
+    let mut kept = vec![0, last];
+    while let Some((missed, at)) = worst_band(bands, &spectra, &kept)
+        && missed > BAND_TOLERANCE
+    {
+        kept.push(at);
+        kept.sort_unstable();
+    }
+    kept.into_iter().map(|band| bands[band]).collect()
+}
+
+/// By how much the spectra, read between the bands that are kept, miss a band at most, and which.
+fn worst_band(bands: &[f64], spectra: &[Vec<f64>], kept: &[usize]) -> Option<(f64, usize)> {
+    let nodes: Vec<f64> = kept.iter().map(|band| bands[*band]).collect();
+    let missed = |spectrum: &Vec<f64>| -> Vec<f64> {
+        let values: Vec<f64> = kept.iter().map(|band| spectrum[*band]).collect();
+        let read = |nm: &f64| crate::bsdf::at_wavelength(&nodes, &values, *nm);
+        bands.iter().zip(spectrum).map(|(nm, truth)| (read(nm) - truth).abs()).collect()
+    };
+    let all: Vec<Vec<f64>> = spectra.iter().map(missed).collect();
+    let band = |at: usize| (all.iter().map(|missed| missed[at]).fold(0.0, f64::max), at);
+    (0..bands.len()).map(band).max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// The fields of a `.bsdf` file of this BSDF.
 #[must_use]
 pub fn fields(bsdf: &PearlBsdf, channels: &Channels, description: &str) -> Vec<Field> {
     let nodes = channels.nodes();
-    let theta_i = incidences();
-    let slices: Vec<Slice> =
-        theta_i.par_iter().map(|theta| Slice::new(bsdf, channels, *theta, nodes)).collect();
+    let theta_i = incidences(channels.step_deg());
+    let warps: Vec<Vec<f64>> = theta_i.par_iter().map(|theta| warp_density(bsdf, *theta)).collect();
+    let sampled = |(i, theta): (usize, &f64)| {
+        Slice::new(bsdf, channels, *theta, around(&warps, i).into_iter().map(|x| x as f32).collect())
+    };
+    let mut slices: Vec<Slice> = theta_i.par_iter().enumerate().map(sampled).collect();
+    right_on_average(&theta_i, nodes, &mut slices);
     let gather = |part: fn(&Slice) -> &Vec<f32>| -> Vec<f32> {
         slices.iter().flat_map(|slice| part(slice).iter().copied()).collect()
     };
+    let ndf: Vec<f32> =
+        (0..NDF_NODES).map(|i| facet_density(bsdf.slope_sd(), node(i, NDF_NODES)) as f32).collect();
     let [rows, columns] = VNDF_NODES;
     let (count, slices) = (channels.count(), theta_i.len());
     let mut fields = vec![
@@ -83,7 +167,7 @@ pub fn fields(bsdf: &PearlBsdf, channels: &Channels, description: &str) -> Vec<F
         Field::u8("jacobian", &[1]),
         Field::f32("phi_i", &[1], vec![0.0]),
         Field::f32("theta_i", &[slices], theta_i.iter().map(|theta| *theta as f32).collect()),
-        Field::f32("ndf", &[2, 2], vec![1.0; 4]),
+        Field::f32("ndf", &[2, NDF_NODES], ndf.repeat(2)),
         Field::f32("sigma", &[2, 2], vec![0.25; 4]),
         Field::f32("vndf", &[1, slices, rows, columns], gather(|slice| &slice.vndf)),
         Field::f32("luminance", &[1, slices, nodes, nodes], gather(|slice| &slice.luminance)),
@@ -99,12 +183,87 @@ pub fn fields(bsdf: &PearlBsdf, channels: &Channels, description: &str) -> Vec<F
     fields
 }
 
-/// Stored angles of incidence, radians.
-fn incidences() -> Vec<f64> {
-    let (steep, grazing) = (STEEP_DEG.to_radians(), GRAZING_DEG.to_radians());
-    let ratio = (grazing.cos() / steep.cos()).powf(1.0 / GRAZING_STEPS as f64);
-    let lower = (0..STEEP_STEPS).map(|i| steep * i as f64 / STEEP_STEPS as f64);
-    lower.chain((0..=GRAZING_STEPS).map(|i| (steep.cos() * ratio.powi(i as i32)).acos())).collect()
+/// Stored angles of incidence, radians; `step_deg` up to where they become finer.
+fn incidences(step_deg: f64) -> Vec<f64> {
+    let ranges = std::iter::once([0.0, INCIDENCES_DEG[0][0], step_deg]).chain(INCIDENCES_DEG);
+    let steps = ranges.flat_map(|[from, to, step]| {
+        let count = ((to - from) / step).round() as usize;
+        (0..count).map(move |i| from + step * i as f64)
+    });
+    steps.chain(std::iter::once(INCIDENCES_DEG[5][1])).map(f64::to_radians).collect()
+}
+
+/// D at a coordinate u(θm): the slope density of the facets over its peak, on the pedestal.
+fn facet_density(slope_sd: f64, u: f64) -> f64 {
+    let (sin, cos) = theta_of(u).sin_cos();
+    let slope = sin / (cos.max(1e-9) * slope_sd);
+    (-0.5 * slope * slope).exp() / cos.max(1e-3).powi(3) + PEDESTAL
+}
+
+/// Mean of the channels of f·cos θo per area of the unit square, 4 wi·m being dωo/dωm.
+fn light(bsdf: &PearlBsdf, wi: Direction, wo: Direction, u: f64) -> f64 {
+    let rgb = bsdf.eval_seen(wi, wo).rgb();
+    let cos_d = (0.5 * (1.0 + dot(wi, wo))).max(0.0).sqrt();
+    rgb.iter().sum::<f64>() / 3.0 * 4.0 * cos_d * area(u)
+}
+
+/// Density on the unit square by which one incidence would be warped, mean 1.
+fn warp_density(bsdf: &PearlBsdf, theta_i: f64) -> Vec<f64> {
+    let wi = [theta_i.sin(), 0.0, theta_i.cos()];
+    let [rows, columns] = VNDF_NODES;
+    // Over θm: the light, carried on below the horizon. Over φm: the light above it.
+    let (mut lobe, mut weights) = (Vec::with_capacity(rows * columns), Vec::with_capacity(rows));
+    for row in 0..rows {
+        let v = node(row, rows);
+        let mut seen = 0.0;
+        for u in (0..columns).map(|column| node(column, columns)) {
+            let wo = reflect(wi, half_vector(u, v));
+            let fall = (-FALL * (-wo[2]).max(0.0) / (FALL_OFFSET + theta_of(u).sin())).exp();
+            lobe.push(fall * light(bsdf, wi, at_or_above_horizon(theta_i, u, v), u).powf(POWER));
+            seen += light(bsdf, wi, wo, u).powf(POWER);
+        }
+        weights.push(seen);
+    }
+    let most = weights.iter().copied().fold(0.0, f64::max);
+    for (row, cells) in lobe.chunks_mut(columns).enumerate() {
+        let near: f64 = (0..=2 * WEIGHT_ROWS).map(|k| weights[(row + rows + k - WEIGHT_ROWS) % rows]).sum();
+        let weight = near / (2 * WEIGHT_ROWS + 1) as f64 + ROW_FLOOR * most;
+        let total = sum(cells).max(f64::MIN_POSITIVE);
+        cells.iter_mut().for_each(|cell| *cell *= weight / total);
+    }
+    let lobe = smooth_over_rows(&lobe, columns);
+    let floor: Vec<f64> = (0..lobe.len()).map(|k| area(node(k % columns, columns))).collect();
+    let (most_lobe, most_floor) = (sum(&lobe), sum(&floor));
+    let mixed = lobe.iter().zip(&floor).map(|(lobe, floor)| {
+        let lobe = if most_lobe > 0.0 { lobe / most_lobe } else { 0.0 };
+        // The column θm = 0 has no area; a little keeps the warp invertible there.
+        ((1.0 - FLOOR) * lobe + FLOOR * floor / most_floor) * (rows * columns) as f64 + 1e-4
+    });
+    mixed.collect()
+}
+
+/// Rows averaged with their neighbours, with weights that fall linearly; φm is periodic.
+fn smooth_over_rows(values: &[f64], columns: usize) -> Vec<f64> {
+    let rows = values.len() / columns;
+    let cell = |k: usize| {
+        let (row, column) = (k / columns, k % columns);
+        let mean = |(sum, total): (f64, f64), j: usize| {
+            let weight = (SHAPE_ROWS + 1 - j.abs_diff(SHAPE_ROWS)) as f64;
+            let neighbour = (row + rows + j - SHAPE_ROWS) % rows;
+            (sum + weight * values[neighbour * columns + column], total + weight)
+        };
+        let (sum, total) = (0..=2 * SHAPE_ROWS).fold((0.0, 0.0), mean);
+        sum / total
+    };
+    (0..values.len()).map(cell).collect()
+}
+
+/// The mean of one incidence and its neighbours.
+fn around(warps: &[Vec<f64>], at: usize) -> Vec<f64> {
+    let near = at.saturating_sub(NEIGHBOURS)..(at + NEIGHBOURS + 1).min(warps.len());
+    let weight = |i: usize| 1.0 - i.abs_diff(at) as f64 / (NEIGHBOURS + 1) as f64;
+    let total: f64 = near.clone().map(weight).sum();
+    (0..warps[at].len()).map(|k| near.clone().map(|i| weight(i) * warps[i][k]).sum::<f64>() / total).collect()
 }
 
 /// What one incidence contributes.
@@ -115,47 +274,56 @@ struct Slice {
 }
 
 impl Slice {
-    fn new(bsdf: &PearlBsdf, channels: &Channels, theta_i: f64, nodes: usize) -> Self {
+    fn new(bsdf: &PearlBsdf, channels: &Channels, theta_i: f64, vndf: Vec<f32>) -> Self {
         let wi = [theta_i.sin(), 0.0, theta_i.cos()];
-        let mean = |m: Direction| {
-            let rgb = bsdf.eval_seen(wi, reflect(wi, m)).rgb();
-            rgb.iter().sum::<f64>() / 3.0 * 4.0 * dot(wi, m).max(0.0)
-        };
         let [rows, columns] = VNDF_NODES;
-        let (mut lobe, mut floor) = (vec![0.0; rows * columns], vec![0.0; rows * columns]);
-        for row in 0..rows {
-            for column in 0..columns {
-                let (u, v) = (node(column, columns), node(row, rows));
-                let m = half_vector(u, v);
-                lobe[row * columns + column] = (mean(m) * area(u)).powf(POWER);
-                floor[row * columns + column] = area(u);
-            }
-        }
-        // The column θm = 0 has no area; a little keeps the warp invertible there.
-        let (most_lobe, most_floor) = (sum(&lobe), sum(&floor));
-        let least = 1e-4 / (rows * columns) as f64;
-        let vndf: Vec<f32> = (lobe.iter().zip(&floor))
-            .map(|(l, f)| {
-                let lobe = if most_lobe > 0.0 { l / most_lobe } else { 0.0 };
-                (((1.0 - FLOOR) * lobe + FLOOR * f / most_floor + least) * (rows * columns) as f64) as f32
-            })
-            .collect();
+        let nodes = channels.nodes();
         let warp = Warp::new(&vndf, rows, columns);
         let mut luminance = Vec::with_capacity(nodes * nodes);
         let mut values = vec![0.0; channels.count() * nodes * nodes];
         for row in 0..nodes {
             for column in 0..nodes {
                 let ([u, v], density) = warp.sample(node(column, nodes), node(row, nodes));
-                let m = half_vector(u, v);
-                let wo = above_horizon(reflect(wi, m), m);
-                luminance.push(((mean(m) * area(u) / density).max(0.0) + 1e-4) as f32);
+                let seen = reflect(wi, half_vector(u, v));
+                luminance.push((light(bsdf, wi, seen, u) / density + 1e-4) as f32);
+                let wo = at_or_above_horizon(theta_i, u, v);
+                let ndf = facet_density(bsdf.slope_sd(), u);
                 for (channel, value) in channels.of(bsdf, wi, wo).into_iter().enumerate() {
-                    values[(channel * nodes + row) * nodes + column] = value as f32;
+                    values[(channel * nodes + row) * nodes + column] = (value / ndf) as f32;
                 }
             }
         }
         Self { vndf, luminance, values }
     }
+}
+
+/// Lowers every node by h²/12 of the second derivative along both sides of the square and along θi: the mean by which
+/// linear interpolation lies above the function. (This is the L² projection onto linear splines to fourth order.)
+fn right_on_average(theta_i: &[f64], nodes: usize, slices: &mut [Slice]) {
+    // Where a narrow feature is not resolved the second difference is no derivative: half the value at most.
+    let lowered = |value: f32, by: f64| value - (by as f32).clamp(-0.5 * value, 0.5 * value);
+    let sampled: Vec<Vec<f32>> = slices.iter().map(|slice| slice.values.clone()).collect();
+    slices.par_iter_mut().enumerate().for_each(|(i, slice)| {
+        if i > 0 && i + 1 < theta_i.len() {
+            let (h, k) = (theta_i[i] - theta_i[i - 1], theta_i[i + 1] - theta_i[i]);
+            let gain = (h * h * h + k * k * k) / (h + k) / 12.0;
+            for ((value, before), after) in slice.values.iter_mut().zip(&sampled[i - 1]).zip(&sampled[i + 1])
+            {
+                let (a, b, c) = (f64::from(*before), f64::from(*value), f64::from(*after));
+                let second = 2.0 * ((c - b) / k - (b - a) / h) / (h + k);
+                *value = lowered(*value, gain * second);
+            }
+        }
+        for channel in slice.values.chunks_mut(nodes * nodes) {
+            for (step, line) in [(1, nodes), (nodes, 1)] {
+                let before = channel.to_vec();
+                for k in (0..nodes).flat_map(|n| (1..nodes - 1).map(move |j| n * line + j * step)) {
+                    let second = before[k - step] - 2.0 * before[k] + before[k + step];
+                    channel[k] = lowered(before[k], f64::from(second) / 12.0);
+                }
+            }
+        }
+    });
 }
 
 /// What Mitsuba's `measured` makes of the fields of an isotropic file.
@@ -234,6 +402,16 @@ impl Reader {
             values: values.clone(),
             wavelengths_nm,
         })
+    }
+
+    /// f·cos θo at wavelengths in nm, 1/sr: linear between those of the file, constant beyond.
+    #[must_use]
+    pub fn eval_spectrum(&self, wi: Direction, wo: Direction, wavelengths_nm: &[f64]) -> Vec<f64> {
+        let values = self.eval(wi, wo);
+        wavelengths_nm
+            .iter()
+            .map(|nm| crate::bsdf::at_wavelength(&self.wavelengths_nm, &values, *nm))
+            .collect()
     }
 
     /// f·cos θo of every channel, 1/sr.
@@ -398,16 +576,27 @@ fn reflect(w: Direction, m: Direction) -> Direction {
     std::array::from_fn(|i| twice * m[i] - w[i])
 }
 
-/// A direction below the horizon moved to just above it: what is read next to the horizon is between the two.
-fn above_horizon(w: Direction, m: Direction) -> Direction {
-    const LEAST: f64 = 1e-4;
-    if w[2] >= LEAST {
-        return w;
+/// The exit direction of the half vector at (u, v), or where that is below the horizon, of the half vector of the same
+/// θm next to it that is above.
+fn at_or_above_horizon(theta_i: f64, u: f64, v: f64) -> Direction {
+    let wi = [theta_i.sin(), 0.0, theta_i.cos()];
+    let wo = reflect(wi, half_vector(u, v));
+    if wo[2] >= LEAST_COS {
+        return wo;
     }
-    // Straight down has no azimuth of its own.
-    let [x, y] = if w[0].abs() + w[1].abs() > 1e-6 { [w[0], w[1]] } else { [m[0], m[1]] };
-    let scale = (1.0 - LEAST * LEAST).sqrt() / (x * x + y * y).sqrt();
-    [x * scale, y * scale, LEAST]
+    // wo·z = 2(wi·m)cos θm − cos θi: even at φm = 0 not above the horizon beyond this θm.
+    let theta_m = theta_of(u).min(0.5 * (FRAC_PI_2 + theta_i) - LEAST_COS);
+    let (sin, cos) = theta_m.sin_cos();
+    let horizon = ((LEAST_COS + wi[2]) / (2.0 * cos) - wi[2] * cos) / (wi[0] * sin).max(1e-9);
+    let (sin_phi, cos_phi) = (TAU * v - PI).sin_cos();
+    let cos_phi = horizon.max(cos_phi).min(1.0);
+    let sin_phi = (1.0 - cos_phi * cos_phi).sqrt().copysign(sin_phi);
+    let [x, y, z] = reflect(wi, [sin * cos_phi, sin * sin_phi, cos]);
+    if z > 0.0 {
+        return [x, y, z];
+    }
+    let length = (x * x + y * y).sqrt();
+    [x / length, y / length, LEAST_COS]
 }
 
 fn dot(a: Direction, b: Direction) -> f64 {
@@ -440,9 +629,43 @@ mod tests {
 
     #[test]
     fn incidences_ascend_from_the_normal_to_grazing() {
-        let theta = incidences();
-        assert!(theta.windows(2).all(|pair| pair[1] > pair[0]));
-        assert_eq!(theta[0], 0.0);
-        assert!((theta[theta.len() - 1].to_degrees() - GRAZING_DEG).abs() < 1e-9);
+        for (step, count) in [(RGB_STEP_DEG, 96), (SPECTRAL_STEP_DEG, 126)] {
+            let theta = incidences(step);
+            assert!(theta.windows(2).all(|pair| pair[1] > pair[0]));
+            assert_eq!((theta[0], theta.len()), (0.0, count));
+            assert!((theta[theta.len() - 1].to_degrees() - 89.95).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn below_the_horizon_the_nearest_exit_above_is_asked_for() {
+        for theta_i in [0.0, 0.3, 1.2, 1.569] {
+            let wi = [f64::sin(theta_i), 0.0, f64::cos(theta_i)];
+            for (row, column) in (0..40).flat_map(|row| (0..40).map(move |column| (row, column))) {
+                let (u, v) = (node(column, 40), node(row, 40));
+                let (asked, mirrored) = (at_or_above_horizon(theta_i, u, v), reflect(wi, half_vector(u, v)));
+                assert!(asked[2] >= 0.9 * LEAST_COS && (dot(asked, asked) - 1.0).abs() < 1e-6, "{asked:?}");
+                if mirrored[2] >= LEAST_COS {
+                    assert_eq!(asked, mirrored);
+                } else {
+                    assert!(asked[2] < 2.0 * LEAST_COS, "{theta_i} {u} {v}: {asked:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn nodes_are_lowered_by_what_linear_interpolation_lies_above() {
+        // x², y² and θ² on steps of 1: their mean over a cell is 1/6 below the mean of the corners.
+        let n = 5;
+        let mut slices: Vec<Slice> = (0..5)
+            .map(|i| {
+                let value = |k: usize| (100 + i * i + (k % n).pow(2) + (k / n).pow(2)) as f32;
+                Slice { vndf: vec![], luminance: vec![], values: (0..n * n).map(value).collect() }
+            })
+            .collect();
+        right_on_average(&[0.0, 1.0, 2.0, 3.0, 4.0], n, &mut slices);
+        let middle = slices[2].values[2 * n + 2];
+        assert!((middle - (112.0 - 3.0 / 6.0)).abs() < 1e-4, "{middle}");
     }
 }

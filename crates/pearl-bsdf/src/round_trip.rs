@@ -3,8 +3,9 @@
 use crate::{Direction, PearlBsdf};
 use rayon::prelude::*;
 
-/// Angles of incidence of the comparison, degrees: on the nodes of a file and between them.
-pub const THETA_I_DEG: [f64; 8] = [0.5, 15.5, 30.0, 45.5, 60.5, 75.0, 85.5, 88.5];
+/// Angles of incidence of the comparison, degrees: every 10°, on the nodes of a file and between them, and towards grazing.
+pub const THETA_I_DEG: [f64; 15] =
+    [0.0, 10.0, 20.0, 30.0, 40.0, 45.3, 50.0, 60.0, 64.7, 70.0, 80.0, 82.7, 85.5, 87.4, 88.5];
 /// Exit directions an incidence.
 const DIRECTIONS: u32 = 4096;
 

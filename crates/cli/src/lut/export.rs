@@ -6,18 +6,13 @@ use lut_io::merl::Merl;
 use lut_io::tensor_file;
 use pearl_bsdf::measured::{self, Channels, Reader};
 use pearl_bsdf::round_trip::{self, RoundTrip};
-use pearl_bsdf::{Controls, Direction, PearlBsdf};
+use pearl_bsdf::{Controls, PearlBsdf};
 use serde_json::json;
 use std::path::PathBuf;
 use terminal::{Outcome, Stop};
 
-/// Bands of the table that go into one wavelength of a spectral file.
-const BANDS_PER_WAVELENGTH: usize = 2;
-/// Wavelengths of a spectral file of a table without interference colours, nm: flat in between.
-const PLAIN_NM: [f64; 5] = [400.0, 480.0, 560.0, 640.0, 720.0];
-/// Wavelengths that a spectral file is compared at: of its own. Between them the file is linear where a table of 5 nm bands may
-/// have a narrow stop band; that is not in the figure.
-const COMPARED: usize = 8;
+/// Wavelengths that a spectral file is compared at, spread evenly from the first to the last of the table: of the file and between.
+const COMPARED: usize = 37;
 
 #[derive(Args, Debug)]
 pub(crate) struct ExportArgs {
@@ -64,7 +59,7 @@ pub(crate) fn run(args: &ExportArgs) -> Outcome {
         .map_err(|error| Stop::bad_input(format!("{}: {error}", path.display())))?;
     let (bytes, errors) = match args.to {
         Format::BsdfRgb => tensor(&bsdf, &Channels::Rgb, &name)?,
-        Format::BsdfSpectral => tensor(&bsdf, &Channels::Spectral(wavelengths(&bsdf)), &name)?,
+        Format::BsdfSpectral => tensor(&bsdf, &Channels::Spectral(measured::wavelengths_nm(&bsdf)), &name)?,
         Format::Merl => merl(&bsdf)?,
     };
     lut_io::atomic::write(&args.output, &bytes)
@@ -73,15 +68,6 @@ pub(crate) fn run(args: &ExportArgs) -> Outcome {
         return terminal::print_json(&report(args, bytes.len(), &errors));
     }
     terminal::print(&text(args, bytes.len(), &errors))
-}
-
-fn wavelengths(bsdf: &PearlBsdf) -> Vec<f64> {
-    let centres = bsdf.band_centres_nm();
-    if centres.is_empty() {
-        return PLAIN_NM.to_vec();
-    }
-    let mean = |group: &[f64]| group.iter().sum::<f64>() / group.len() as f64;
-    centres.chunks(BANDS_PER_WAVELENGTH).map(mean).collect()
 }
 
 type Written = (Vec<u8>, Vec<RoundTrip>);
@@ -98,19 +84,22 @@ fn tensor(bsdf: &PearlBsdf, channels: &Channels, name: &str) -> Result<Written, 
             |wi, wo| bsdf.eval_seen(wi, wo).rgb().to_vec(),
             |wi, wo| reader.eval(wi, wo),
         ),
-        Channels::Spectral(nm) => {
-            let chosen: Vec<usize> = (0..nm.len()).step_by(nm.len().div_ceil(COMPARED)).collect();
-            let truth = |wi: Direction, wo: Direction| {
-                chosen.iter().map(|c| bsdf.eval_seen_at(wi, wo, nm[*c]).iter().sum()).collect()
-            };
-            let file = |wi: Direction, wo: Direction| {
-                let values = reader.eval(wi, wo);
-                chosen.iter().map(|c| values[*c]).collect()
-            };
-            round_trip::measure(bsdf, truth, file)
+        Channels::Spectral(_) => {
+            let compared = compared_nm(&reader.wavelengths_nm);
+            round_trip::measure(
+                bsdf,
+                |wi, wo| bsdf.eval_seen_spectrum(wi, wo, &compared),
+                |wi, wo| reader.eval_spectrum(wi, wo, &compared),
+            )
         }
     };
     Ok((bytes, errors))
+}
+
+fn compared_nm(nodes: &[f64]) -> Vec<f64> {
+    let (first, last) = (nodes[0], nodes[nodes.len() - 1]);
+    // Some offset: bands are evenly spaced, and not all are to be met alike.
+    (0..COMPARED).map(|i| first + (last - first) * (i as f64 + 0.37) / COMPARED as f64).collect()
 }
 
 fn merl(bsdf: &PearlBsdf) -> Result<Written, Stop> {
