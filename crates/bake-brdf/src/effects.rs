@@ -718,10 +718,13 @@ mod tests {
         let text = r#"{"stack":{"aragonite":{"n":{"cauchy":[1.5,0.01]},"thickness_sd_nm":9},"conchiolin":{"k":0.001}}}"#;
         let recipe = recipe(text);
         let view = View::of_look(&recipe.look);
-        let all = "surface blur azimuth absorption coherent illuminant irregularity body";
+        let all = "surface blur azimuth absorption dispersion coherent illuminant irregularity body";
         assert_eq!(on(&recipe, &view), all);
         let why = |view: &View, effect| Decisions::of(&recipe, view).get(effect).why.clone();
-        assert!(why(&view, Effect::Dispersion).contains("aragonite depend on the wavelength; not simulated"));
+        assert_eq!(
+            why(&view, Effect::Dispersion),
+            "the optical constants of aragonite depend on the wavelength"
+        );
         let mono = View { colour: Setting::new(ColourMode::Mono, "s:1"), ..view.clone() };
         assert_eq!(why(&mono, Effect::Dispersion), "the variant has one band (s:1)");
         let polarised = View { polarised: Setting::new(true, "s:1"), ..view.clone() };

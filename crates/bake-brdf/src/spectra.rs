@@ -12,7 +12,6 @@
 //!
 //! Each of the two is computed only where it is [`Wanted`].
 
-use crate::bake::Bands;
 use crate::effects::{Effect, EffectSet};
 use crate::recipe::{Recipe, RecipeError};
 use lut_io::error::Flaw;
@@ -165,11 +164,11 @@ impl Colours {
     }
 }
 
-/// The colours of a recipe that are wanted, of a lobe that is solved in `bands`: a fraction of a second for a regular stack, seconds for an irregular one.
+/// The colours of a recipe that are wanted: a fraction of a second for a regular stack, seconds for an irregular one.
 ///
 /// # Errors
 /// A recipe that the transport problem refuses; a [`Want::Required`] colour of a stack whose waves cannot be followed.
-pub fn of(recipe: &Recipe, wanted: Wanted, bands: &Bands) -> Result<Colours, SpectraError> {
+pub fn of(recipe: &Recipe, wanted: Wanted) -> Result<Colours, SpectraError> {
     let mut colours = Colours {
         spectra: Spectra { wavelength_nm: band_centres_nm(), ..Spectra::default() },
         missing: Vec::new(),
@@ -188,7 +187,7 @@ pub fn of(recipe: &Recipe, wanted: Wanted, bands: &Bands) -> Result<Colours, Spe
         }
     };
     let coherent =
-        attempt(Effect::Coherent, wanted.coherent, &|| coherent(recipe, wanted, bands).map(Part::Coherent))?;
+        attempt(Effect::Coherent, wanted.coherent, &|| coherent(recipe, wanted).map(Part::Coherent))?;
     let illuminant =
         attempt(Effect::Illuminant, wanted.illuminant, &|| illuminant(recipe, wanted).map(Part::Illuminant))?;
     for part in coherent.into_iter().chain(illuminant) {
@@ -221,9 +220,19 @@ fn walked(recipe: &Recipe, wanted: Wanted, wavelength: f64) -> Result<Transport,
     Ok(transport)
 }
 
-fn coherent(recipe: &Recipe, wanted: Wanted, bands: &Bands) -> Result<Coherent, SpectraError> {
-    let walks = bands.all_nm().map(|nm| walked(recipe, wanted, 1e-9 * nm));
-    let walks: Vec<Transport> = walks.collect::<Result<_, _>>()?;
+/// R_incoherent of the walk at a wavelength (nm), at the angles that colours are stored for.
+pub(crate) fn incoherent(
+    recipe: &Recipe,
+    wanted: Wanted,
+    nm: f64,
+    theta_deg: &[f64],
+) -> Result<Vec<f64>, RecipeError> {
+    let transport = walked(recipe, wanted, 1e-9 * nm)?;
+    Ok(radians(theta_deg).iter().map(|theta| incoherent_reflectance(&transport, *theta)).collect())
+}
+
+fn coherent(recipe: &Recipe, wanted: Wanted) -> Result<Coherent, SpectraError> {
+    let transport = walked(recipe, wanted, recipe.wavelength())?;
     let stack = wave_stack(recipe, wanted);
     let (theta_deg, effort) = coherent_effort(&stack);
     let Effort { per_band, members, .. } = effort;
@@ -234,16 +243,10 @@ fn coherent(recipe: &Recipe, wanted: Wanted, bands: &Bands) -> Result<Coherent, 
         .par_iter()
         .zip(reflectance)
         .map(|(theta, reflectance)| {
-            let walked: Vec<f64> = walks.iter().map(|walk| incoherent_reflectance(walk, *theta)).collect();
-            // Where the lobe is read between bands, so is what it tends to.
-            let incoherent = |(band, share): (usize, f64)| share * walked[band];
-            let modulated = |(r, metres): (&f64, &f64)| {
-                let most = 1.0 / bands.shares(1e9 * metres).map(incoherent).iter().sum::<f64>();
-                (r * most).clamp(0.0, most)
-            };
-            let modulation: Vec<f64> = reflectance.iter().zip(&wavelengths).map(modulated).collect();
-            let least = walked.iter().copied().fold(f64::INFINITY, f64::min);
-            Row { bands: band_means(&modulation), rgb: rgb(&modulation, 1.0 / least), scale: least }
+            let incoherent = incoherent_reflectance(&transport, *theta);
+            let most = 1.0 / incoherent;
+            let modulation: Vec<f64> = reflectance.iter().map(|r| (r * most).clamp(0.0, most)).collect();
+            Row { bands: band_means(&modulation), rgb: rgb(&modulation, most), scale: incoherent }
         })
         .collect();
     Ok(Coherent {
@@ -510,11 +513,6 @@ fn fresnel(n1: f64, cos1: f64, n2: f64, cos2: f64) -> (f64, f64) {
 mod tests {
     use super::*;
 
-    /// The colours of a lobe at the recipe's wavelength alone.
-    fn of(recipe: &Recipe, wanted: Wanted) -> Result<Colours, SpectraError> {
-        super::of(recipe, wanted, &Bands::own(recipe))
-    }
-
     const BOTH: Wanted = Wanted {
         coherent: Want::Required,
         illuminant: Want::Required,
@@ -610,7 +608,7 @@ mod tests {
                 precision: transport::walk::lanes::Precision::Auto,
             };
             let table = crate::bake::walk(&request, &crate::bake::Observer::idle(), None).unwrap();
-            let walk = walked(&smooth, Wanted::by_effects(set, false)).unwrap();
+            let walk = walked(&smooth, Wanted::by_effects(set, false), smooth.wavelength()).unwrap();
             let expected = incoherent_reflectance(&walk, 60_f64.to_radians());
             // Five standard errors of 200,000 paths.
             let error = (expected * (1.0 - expected) / 200_000.0).sqrt();

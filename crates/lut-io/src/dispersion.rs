@@ -5,6 +5,7 @@
 //! band. Between bands a lobe is read linearly in wavelength, beyond the first and the last band it is that band's.
 
 use crate::error::Flaw;
+use crate::spectra::Spectra;
 use crate::table::{Accuracy, IncidenceSummary, Lobe, Meta, SurfaceModel, Table};
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +26,9 @@ pub struct Band {
     pub accuracy: Accuracy,
     /// Interface 0 in this band.
     pub surface_model: SurfaceModel,
+    /// R_incoherent of this band at the angles of `spectra.coherent`; there if that is.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub incoherent: Option<Vec<f64>>,
     /// One entry an incidence, in the order of the table's.
     pub per_incidence: Vec<IncidenceSummary>,
 }
@@ -113,6 +117,10 @@ impl Dispersion {
                 let problem = "has other incidences than per_incidence of the table";
                 return Err(Flaw::new(format!("{KEY}.bands[{i}].per_incidence"), problem));
             }
+            if band.incoherent.iter().flatten().any(|r| !(f64::MIN_POSITIVE..=1.0).contains(r)) {
+                let problem = "has a number that is no reflectance, expected more than 0 and at most 1";
+                return Err(Flaw::new(format!("{KEY}.bands[{i}].incoherent"), problem));
+            }
             band.alone(meta).validate().map_err(within)?;
         }
         Ok(())
@@ -120,6 +128,24 @@ impl Dispersion {
 }
 
 impl Band {
+    /// The colours of a table with M relative to this band's R_incoherent.
+    fn recoloured(&self, spectra: &Spectra) -> Result<Spectra, Flaw> {
+        let mut spectra = spectra.clone();
+        let Some(coherent) = &mut spectra.coherent else { return Ok(spectra) };
+        let count = coherent.theta_deg.len();
+        let Some(own) = self.incoherent.as_ref().filter(|own| own.len() == count) else {
+            let problem = format!("is missing or not of the {count} angles of spectra.coherent");
+            return Err(Flaw::new(format!("{KEY}.bands.incoherent at {} nm", self.wavelength_nm), problem));
+        };
+        for (i, own) in own.iter().enumerate() {
+            let factor = coherent.incoherent[i] / own;
+            coherent.modulation[i].iter_mut().for_each(|m| *m *= factor);
+            coherent.modulation_rgb[i] = coherent.modulation_rgb[i].map(|m| m * factor);
+            coherent.incoherent[i] = *own;
+        }
+        Ok(spectra)
+    }
+
     /// Metadata of a table of this band alone.
     fn alone(&self, meta: &Meta) -> Meta {
         Meta {
@@ -149,27 +175,31 @@ pub fn channel_name(name: &str, band: usize) -> String {
 
 impl Table {
     /// The lobes of the further bands, each as a table of its own, ascending in wavelength: what a bake of that wavelength
-    /// alone holds, with the colours of interference of the whole.
+    /// alone holds. M of such a table is relative to that band's own R_incoherent.
     ///
     /// # Errors
     /// The section `dispersion` is not valid, or does not fit the channels.
     pub fn further_bands(&self) -> Result<Vec<Self>, Flaw> {
         let Some(section) = Dispersion::of(&self.meta)? else { return Ok(Vec::new()) };
         self.check_bands(Some(&section))?;
+        let spectra = Spectra::of(&self.meta)?;
         let tables = section.bands.iter().zip(&self.bands).map(|(band, [interior, surface, rehit])| {
             let mut meta = band.alone(&self.meta);
             meta.extra = self.meta.extra.clone();
             meta.extra.remove(KEY);
-            Self {
+            if let Some(spectra) = &spectra {
+                band.recoloured(spectra)?.store(&mut meta)?;
+            }
+            Ok(Self {
                 meta,
                 interior: interior.clone(),
                 surface: surface.clone(),
                 rehit: rehit.clone(),
                 passages: None,
                 bands: Vec::new(),
-            }
+            })
         });
-        Ok(tables.collect())
+        tables.collect()
     }
 
     /// Adds tables of the same recipe at further wavelengths, ascending, to this one.

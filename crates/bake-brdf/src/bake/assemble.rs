@@ -11,6 +11,7 @@ use lut_io::table::{
     Accuracy, AzimuthMode, Component, IncidenceSummary, Lobe, Meta, SCHEMA, Solver, SummaryErrors,
     SurfaceModel, Table,
 };
+use rayon::prelude::*;
 use transport::doubling::{ErrorEstimate, Lobe as SolvedLobe, Solution};
 use transport::{Normals, Transport};
 
@@ -96,6 +97,7 @@ pub(super) fn doubling_table(
 ) -> Table {
     let stored = request.incident_deg.len();
     let incidences: Vec<Incidence> = (0..stored)
+        .into_par_iter()
         .map(|i| {
             let summary = doubling_summary(solution, i, request.incident_deg[i]);
             // The estimate is a total variation: spread over the cells in proportion to their light.
@@ -115,8 +117,10 @@ pub(super) fn doubling_table(
         ("density", solution.settings.density.into()),
     ]);
     let halfway = |rows: &[Row]| {
-        let middles: Vec<Row> =
-            (stored..solution.lobes.len()).map(|i| Row::solved(&request.recipe, axis, solution, i)).collect();
+        let middles: Vec<Row> = (stored..solution.lobes.len())
+            .into_par_iter()
+            .map(|i| Row::solved(&request.recipe, axis, solution, i))
+            .collect();
         halfway::measured(axis, rows, intervals, &middles)
     };
     table(request, transport, axis, (Solver::Doubling, settings), incidences, halfway)

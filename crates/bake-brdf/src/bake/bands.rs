@@ -250,7 +250,8 @@ mod tests {
 
     #[test]
     fn constant_indices_need_no_further_band() {
-        assert_eq!(request(r#"{"stack":{"layers":40}}"#, 1.0).bands().unwrap().further_nm, []);
+        let bands = request(r#"{"stack":{"layers":40}}"#, 1.0).bands().unwrap();
+        assert!(bands.further_nm.is_empty(), "{bands:?}");
     }
 
     #[test]

@@ -17,6 +17,7 @@ use crate::recipe::{AzimuthMode, Recipe, RecipeError};
 use crate::spectra::{self, Colours, Wanted};
 use crate::tally::Tally;
 use lut_io::axis::{ExitAxis, MAX_WIDTH};
+use lut_io::dispersion::Dispersion;
 use lut_io::table::Table;
 use sampling::{Sampling, Shard, State};
 use serde::{Deserialize, Serialize};
@@ -270,9 +271,9 @@ impl Request {
     }
 
     /// The interference colours that the effects call for.
-    pub(crate) fn colours(&self, bands: &Bands) -> Result<Colours, BakeError> {
+    pub(crate) fn colours(&self) -> Result<Colours, BakeError> {
         let wanted = Wanted::by_effects(self.effects, self.listed);
-        spectra::of(&self.recipe, wanted, bands).map_err(|why| BakeError::Input(why.to_string()))
+        spectra::of(&self.recipe, wanted).map_err(|why| BakeError::Input(why.to_string()))
     }
 
     pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Lobes), BakeError> {
@@ -368,7 +369,7 @@ pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
         return Err(BakeError::Input(line.to_owned()));
     }
     if !request.effects.has_lobe() {
-        return coloured(request, lobeless(request)?, &request.colours(&Bands::own(&request.recipe))?);
+        return coloured(request, lobeless(request)?, &request.colours()?);
     }
     request.check()?;
     let Target::AccuracyPercent(percent) = request.target else {
@@ -384,7 +385,7 @@ pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
         return Err(BakeError::Input(line.to_owned()));
     }
     // Before the lobe, so that a refusal comes before the work.
-    let colours = request.colours(&bands)?;
+    let colours = request.colours()?;
     let further = bands.further_nm.iter().map(|nm| request.at_wavelength(*nm));
     let further: Result<Vec<Table>, BakeError> =
         further.map(|request| doubled(&request, &request.transport()?, percent, sides)).collect();
@@ -440,11 +441,11 @@ pub fn walk(
     resume: Option<Snapshot>,
 ) -> Result<Table, BakeError> {
     if !request.effects.has_lobe() {
-        return coloured(request, lobeless(request)?, &request.colours(&Bands::own(&request.recipe))?);
+        return coloured(request, lobeless(request)?, &request.colours()?);
     }
     let (mut sampling, lobes) = request.sampling(Shard::WHOLE)?;
     // Before the lobe, so that a refusal comes before the work.
-    let colours = request.colours(&lobes.bands)?;
+    let colours = request.colours()?;
     let result = walk_target(request, &mut sampling, observer, resume);
     if let (Err(BakeError::Interrupted), Some(checkpoint)) = (&result, &observer.checkpoint) {
         (checkpoint.keep)(&sampling.state());
@@ -455,7 +456,17 @@ pub fn walk(
 
 /// Adds the colours; thicknesses matter to nothing else, so that irregularity is held if a colour is.
 fn coloured(request: &Request, mut table: Table, colours: &Colours) -> Result<Table, BakeError> {
-    colours.store(&mut table.meta).map_err(|flaw| BakeError::Input(flaw.to_string()))?;
+    colours.store(&mut table.meta).map_err(invalid)?;
+    if let (Some(coherent), Some(mut dispersion)) =
+        (&colours.spectra.coherent, Dispersion::of(&table.meta).map_err(invalid)?)
+    {
+        let wanted = Wanted::by_effects(request.effects, request.listed);
+        for band in &mut dispersion.bands {
+            let nm = band.wavelength_nm;
+            band.incoherent = Some(spectra::incoherent(&request.recipe, wanted, nm, &coherent.theta_deg)?);
+        }
+        dispersion.store(&mut table.meta).map_err(invalid)?;
+    }
     let held = |effect: Effect| match effect {
         Effect::Coherent | Effect::Illuminant => colours.effects().contains(effect),
         Effect::Irregularity => colours.effects() != EffectSet::NONE,

@@ -123,7 +123,7 @@ pub fn bake_again(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeErr
     let (mut sampling, lobes) = request.sampling(Shard::WHOLE)?;
     sampling.walk_to_each(&paths, observer)?;
     let table = assemble::walk_tables(&request, &lobes, &sampling)?;
-    super::coloured(&request, table, &request.colours(&lobes.bands)?)
+    super::coloured(&request, table, &request.colours()?)
 }
 
 /// Every key of the metadata and every channel in which two tables are not the same bit for bit.

@@ -244,7 +244,7 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
     let idle = Observer::idle();
     sampling.resume(state, &idle)?;
     let table = assemble::walk_tables(&request, &lobes, &sampling)?;
-    super::coloured(&request, table, &request.colours(&lobes.bands)?)
+    super::coloured(&request, table, &request.colours()?)
 }
 
 /// Walks one shard of a bake and gives its snapshot.
@@ -271,7 +271,7 @@ pub fn walk_shard(request: &Request, shard: Shard, observer: &Observer<'_>) -> R
     }
     if request.listed {
         // Refused here or not at all: what is merged has no one to refuse it to.
-        request.colours(&request.bands()?)?;
+        request.colours()?;
     }
     let (mut sampling, _): (Sampling, _) = request.sampling(shard)?;
     sampling.walk_to_paths(paths, observer)?;
