@@ -224,6 +224,8 @@ impl Table {
                 solver_settings,
                 accuracy,
                 surface_model,
+                // Filled in when the colours are known.
+                incoherent: None,
                 per_incidence,
             });
             self.bands.push([table.interior, table.surface, table.rehit]);
