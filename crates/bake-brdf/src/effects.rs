@@ -487,20 +487,14 @@ fn absorption(recipe: &Recipe, view: &View) -> Verdict {
 }
 
 fn dispersive(recipe: &Recipe) -> Option<String> {
-    let stack = &recipe.stack;
-    let layers: Vec<(&str, Option<&Dispersion>)> = match &stack.explicit {
-        Some(layers) => layers.iter().map(|layer| ("an explicit layer", layer.n.as_ref())).collect(),
-        None => vec![("aragonite", stack.aragonite.n.as_ref()), ("conchiolin", stack.conchiolin.n.as_ref())],
-    };
-    let media = [("the ambient", stack.ambient.n.as_ref()), ("the substrate", stack.substrate.n.as_ref())];
     let varies = |n: &Dispersion| match n {
         Dispersion::Constant(_) => false,
         Dispersion::Cauchy(coefficients) => coefficients[1..].iter().any(|c| *c != 0.0),
         Dispersion::Sellmeier { b, .. } => b.iter().any(|b| *b != 0.0),
         Dispersion::Table(rows) => rows.windows(2).any(|pair| pair[0][1..] != pair[1][1..]),
     };
-    let found = layers.into_iter().chain(media).find(|(_, n)| n.is_some_and(varies))?;
-    Some(format!("the optical constants of {} depend on the wavelength", found.0))
+    let (medium, _) = recipe.stack.dispersions().into_iter().find(|(_, n)| varies(n))?;
+    Some(format!("the optical constants of {medium} depend on the wavelength"))
 }
 
 fn irregular(recipe: &Recipe) -> Option<String> {
@@ -530,12 +524,6 @@ fn simulated(effect: Effect, recipe: &Recipe) -> Result<(), String> {
             "s and p are tracked in the plane of incidence only: azimuth decay has it, azimuth walk has not"
                 .to_owned(),
         ),
-        Effect::Dispersion => {
-            let nm = recipe.light.wavelength_nm;
-            Err(format!(
-                "in this version the lobe is that of the recipe's light.wavelength_nm ({nm}) at every wavelength"
-            ))
-        }
         Effect::CoherentSheets => {
             recipe.sheet_transport(recipe.wavelength()).map(|_| ()).map_err(|why| why.to_string())
         }
@@ -730,10 +718,13 @@ mod tests {
         let text = r#"{"stack":{"aragonite":{"n":{"cauchy":[1.5,0.01]},"thickness_sd_nm":9},"conchiolin":{"k":0.001}}}"#;
         let recipe = recipe(text);
         let view = View::of_look(&recipe.look);
-        let all = "surface blur azimuth absorption coherent illuminant irregularity body";
+        let all = "surface blur azimuth absorption dispersion coherent illuminant irregularity body";
         assert_eq!(on(&recipe, &view), all);
         let why = |view: &View, effect| Decisions::of(&recipe, view).get(effect).why.clone();
-        assert!(why(&view, Effect::Dispersion).contains("aragonite depend on the wavelength; not simulated"));
+        assert_eq!(
+            why(&view, Effect::Dispersion),
+            "the optical constants of aragonite depend on the wavelength"
+        );
         let mono = View { colour: Setting::new(ColourMode::Mono, "s:1"), ..view.clone() };
         assert_eq!(why(&mono, Effect::Dispersion), "the variant has one band (s:1)");
         let polarised = View { polarised: Setting::new(true, "s:1"), ..view.clone() };

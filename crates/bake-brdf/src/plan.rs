@@ -285,6 +285,10 @@ pub fn costs(request: &Request, solver: SolverChoice) -> Result<[Cost; 12], Bake
                 Request { effects: set.without(Effect::Absorption), ..request.clone() },
             )?;
         }
+        if set.contains(Effect::Dispersion) {
+            let without = Request { effects: set.without(Effect::Dispersion), ..request.clone() };
+            take(Effect::Dispersion, without)?;
+        }
         if set.contains(Effect::Azimuth) && request.recipe.azimuth.mode == AzimuthMode::Walk {
             let mut plane = request.clone();
             plane.recipe.azimuth.mode = AzimuthMode::Decay;

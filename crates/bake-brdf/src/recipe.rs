@@ -500,6 +500,18 @@ impl Stack {
         }
     }
 
+    /// The indices of all media, each with a name for it.
+    pub(crate) fn dispersions(&self) -> Vec<(&'static str, &Dispersion)> {
+        let layers: Vec<(&str, Option<&Dispersion>)> = match &self.explicit {
+            Some(layers) => layers.iter().map(|layer| ("an explicit layer", layer.n.as_ref())).collect(),
+            None => {
+                vec![("aragonite", self.aragonite.n.as_ref()), ("conchiolin", self.conchiolin.n.as_ref())]
+            }
+        };
+        let media = [("the ambient", self.ambient.n.as_ref()), ("the substrate", self.substrate.n.as_ref())];
+        layers.into_iter().chain(media).filter_map(|(name, n)| Some((name, n?))).collect()
+    }
+
     /// Every layer from the outside in, defaults filled in.
     #[must_use]
     pub fn layers_resolved(&self) -> Vec<ResolvedLayer> {

@@ -204,9 +204,8 @@ enum Part {
     Illuminant(Illuminant),
 }
 
-/// The walk whose lobe the coherent colours multiply.
-fn walked(recipe: &Recipe, wanted: Wanted) -> Result<Transport, RecipeError> {
-    let wavelength = recipe.wavelength();
+/// The walk at a wavelength (metres) whose lobe the coherent colours multiply.
+fn walked(recipe: &Recipe, wanted: Wanted, wavelength: f64) -> Result<Transport, RecipeError> {
     let mut transport = if wanted.coherent_sheets {
         recipe.sheet_transport(wavelength)
     } else {
@@ -221,8 +220,19 @@ fn walked(recipe: &Recipe, wanted: Wanted) -> Result<Transport, RecipeError> {
     Ok(transport)
 }
 
+/// R_incoherent of the walk at a wavelength (nm), at the angles that colours are stored for.
+pub(crate) fn incoherent(
+    recipe: &Recipe,
+    wanted: Wanted,
+    nm: f64,
+    theta_deg: &[f64],
+) -> Result<Vec<f64>, RecipeError> {
+    let transport = walked(recipe, wanted, 1e-9 * nm)?;
+    Ok(radians(theta_deg).iter().map(|theta| incoherent_reflectance(&transport, *theta)).collect())
+}
+
 fn coherent(recipe: &Recipe, wanted: Wanted) -> Result<Coherent, SpectraError> {
-    let transport = walked(recipe, wanted)?;
+    let transport = walked(recipe, wanted, recipe.wavelength())?;
     let stack = wave_stack(recipe, wanted);
     let (theta_deg, effort) = coherent_effort(&stack);
     let Effort { per_band, members, .. } = effort;
@@ -450,7 +460,7 @@ fn shortened(mut stack: Stack, most: usize) -> Stack {
 }
 
 /// Reflectance of the stack when intensities add: the walk with flat interfaces, in the walk's light and at its sheets.
-fn incoherent_reflectance(transport: &Transport, theta: f64) -> f64 {
+pub(crate) fn incoherent_reflectance(transport: &Transport, theta: f64) -> f64 {
     let pile = |share_of_s: f64| pile_reflectance(transport, theta, share_of_s);
     let reflectance = match transport.light {
         Light::Unpolarised => pile(0.5),
@@ -598,7 +608,7 @@ mod tests {
                 precision: transport::walk::lanes::Precision::Auto,
             };
             let table = crate::bake::walk(&request, &crate::bake::Observer::idle(), None).unwrap();
-            let walk = walked(&smooth, Wanted::by_effects(set, false)).unwrap();
+            let walk = walked(&smooth, Wanted::by_effects(set, false), smooth.wavelength()).unwrap();
             let expected = incoherent_reflectance(&walk, 60_f64.to_radians());
             // Five standard errors of 200,000 paths.
             let error = (expected * (1.0 - expected) / 200_000.0).sqrt();

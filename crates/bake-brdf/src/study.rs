@@ -254,7 +254,7 @@ fn request(recipe: &Recipe, incident_deg: &[f64], azimuth: AzimuthMode) -> Reque
 }
 
 fn walk(request: &Request, paths: u64) -> Result<Sampling, BakeError> {
-    let (mut sampling, _, _) = request.sampling(Shard::WHOLE)?;
+    let (mut sampling, _) = request.sampling(Shard::WHOLE)?;
     sampling.walk_to_paths(paths, &Observer::idle())?;
     Ok(sampling)
 }

@@ -1,9 +1,14 @@
 //! Each effect of the walk against a computation that shares no code with it.
 
-use bake_brdf::bake::{self, Observer, Request, Target};
+use bake_brdf::bake::sampling::Shard;
+use bake_brdf::bake::{self, Observer, Request, Sides, Target, snapshot};
 use bake_brdf::effects::{Effect, EffectSet};
 use bake_brdf::recipe::Recipe;
+use lut_io::exr_file;
+use lut_io::spectra::Spectra;
 use lut_io::table::Table;
+use rand::rngs::StdRng;
+use rand::{RngExt as _, SeedableRng as _};
 use thinfilm::{Incidence, Layer, Material, Multilayer, Polarisation, Run};
 use transport::walk::lanes::Precision;
 
@@ -130,4 +135,162 @@ fn absorption_follows_beer_and_wave_optics() {
         // n + ik differs from n by k² and the refraction of a complex index, some 1e-4 here.
         assert!((row.transmitted - by_waves.transmittance).abs() < 2e-3, "{row:?} {by_waves:?}");
     }
+}
+
+/// Aragonite that disperses far more than conchiolin, so that what an interface reflects depends on the wavelength.
+const DISPERSIVE: &str = r#"{"stack":{"layers":30,"aragonite":{"n":{"cauchy":[1.50,0.015]}},"conchiolin":{"n":1.43}},"look":{"coherence":0.5}}"#;
+
+fn dispersive(target: Target, effects: &[Effect]) -> Request {
+    let recipe = Recipe::from_json(DISPERSIVE).expect("a valid recipe");
+    Request {
+        effects: effects.iter().copied().collect::<EffectSet>(),
+        incident_deg: ANGLES_DEG.to_vec(),
+        seed: 7,
+        ..Request::new(recipe, target)
+    }
+}
+
+/// Every further band of a table against a bake of its wavelength alone: the same bits, lobes and statistics.
+fn bands_are_single_bakes(whole: &Table, request: &Request, bake: impl Fn(&Request) -> Table) {
+    let further = whole.further_bands().expect("valid bands");
+    assert!(further.len() >= 2, "{} further bands", further.len());
+    let own = Table { bands: Vec::new(), ..whole.clone() };
+    for band in std::iter::once(&own).chain(&further) {
+        let mut alone = request.at_wavelength(band.meta.wavelength_nm);
+        alone.effects = alone.effects.without(Effect::Dispersion);
+        let alone = bake(&alone);
+        assert!(alone.bands.is_empty());
+        assert_eq!(
+            [&band.interior, &band.surface, &band.rehit],
+            [&alone.interior, &alone.surface, &alone.rehit]
+        );
+        assert_eq!(band.meta.per_incidence, alone.meta.per_incidence);
+        assert_eq!(band.meta.surface_model, alone.meta.surface_model);
+        assert_eq!(band.meta.solver_settings, alone.meta.solver_settings);
+        assert_eq!(band.meta.accuracy, alone.meta.accuracy);
+        let colours = |table: &Table| {
+            Spectra::of(&table.meta).expect("valid").and_then(|s| s.coherent).expect("coherent")
+        };
+        for (found, expected) in colours(band).modulation.iter().zip(colours(&alone).modulation) {
+            // Seven digits are stored.
+            let near = |(a, b): (&f64, &f64)| (a - b).abs() <= 1e-5 * b.abs();
+            assert!(found.iter().zip(&expected).all(near), "{} nm: M", band.meta.wavelength_nm);
+        }
+    }
+    // They are not all the same lobe.
+    let albedos: Vec<f64> = further.iter().map(|band| band.meta.per_incidence[1].albedo).collect();
+    assert!((albedos[0] / albedos[albedos.len() - 1] - 1.0).abs() > 0.05, "{albedos:?}");
+    // And survive the file.
+    let read = exr_file::decode(&exr_file::encode(whole).expect("valid")).expect("it reads back");
+    assert_eq!(&read, whole);
+}
+
+const DISPERSED: [Effect; 5] =
+    [Effect::Surface, Effect::Blur, Effect::Azimuth, Effect::Dispersion, Effect::Coherent];
+
+#[test]
+fn every_band_of_a_dispersed_walk_is_the_walk_of_that_wavelength() {
+    for target in [Target::Paths(30_000), Target::AccuracyPercent(3.0)] {
+        let request = dispersive(target, &DISPERSED);
+        let walk = |request: &Request| bake::walk(request, &Observer::idle(), None).expect("it bakes");
+        bands_are_single_bakes(&walk(&request), &request, walk);
+    }
+}
+
+#[test]
+fn every_band_of_a_dispersed_solution_is_the_solution_of_that_wavelength() {
+    let request = dispersive(Target::AccuracyPercent(1.0), &DISPERSED);
+    let solve = |request: &Request| bake::doubling(request, Sides::Above).expect("it solves");
+    bands_are_single_bakes(&solve(&request), &request, solve);
+}
+
+#[test]
+fn shards_of_a_dispersed_walk_merge_into_its_bits() {
+    let request = dispersive(Target::Paths(40_000), &DISPERSED);
+    let whole = bake::walk(&request, &Observer::idle(), None).expect("it bakes");
+    let shard = |index| {
+        let shard = Shard { index, count: 3 };
+        (index.to_string(), snapshot::walk_shard(&request, shard, &Observer::idle()).expect("it walks"))
+    };
+    assert_eq!(snapshot::merge(&[shard(2), shard(3), shard(1)]).expect("it merges"), whole);
+    // Again from its own metadata.
+    let again = bake::reproduce::bake_again(&whole.meta, &Observer::idle()).expect("it bakes again");
+    assert_eq!(bake::reproduce::differences(&whole, &again), []);
+}
+
+/// Irregular thicknesses, drawn here layer by layer and solved one stack at a time.
+#[test]
+fn irregularity_is_the_mean_of_explicit_stacks() {
+    const LAYERS: usize = 20;
+    const DRAWS: usize = 1500;
+    const BANDS: [usize; 5] = [5, 17, 33, 50, 70];
+    const DEGREES: [f64; 3] = [0.0, 30.0, 60.0];
+    let (means, sds) = ([450.0, 25.0], [30.0, 4.0]);
+    let text = r#"{"stack":{"layers":20,"aragonite":{"thickness_nm":450,"thickness_sd_nm":30},"conchiolin":{"thickness_nm":25,"thickness_sd_nm":4}},"facets":{"slope_sd_deg":0}}"#;
+    let baked = |irregular: bool| {
+        let effects = [Effect::Surface, Effect::Blur, Effect::Azimuth, Effect::Coherent];
+        let effects = effects.into_iter().chain(irregular.then_some(Effect::Irregularity));
+        let recipe = Recipe::from_json(text).expect("valid");
+        let request =
+            Request { effects: effects.collect(), ..Request::new(recipe, Target::AccuracyPercent(1.0)) };
+        let table = bake::doubling(&request, Sides::Above).expect("a closed form");
+        let spectra = Spectra::of(&table.meta).expect("valid").expect("colours");
+        (spectra.wavelength_nm, spectra.coherent.expect("coherent"))
+    };
+    let index = |n: f64| Material::constant(n).index(550e-9).expect("an index");
+    let (wavelength_nm, irregular) = baked(true);
+    let (_, regular) = baked(false);
+    let mut random = StdRng::seed_from_u64(20);
+    let mut normal = || {
+        // Box and Muller.
+        let (u, v): (f64, f64) = (random.random(), random.random());
+        (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    };
+    let (mut sum, mut square) = ([[0.0; BANDS.len()]; DEGREES.len()], [[0.0; BANDS.len()]; DEGREES.len()]);
+    for _ in 0..DRAWS {
+        let layer = |i: usize, z: f64| Layer {
+            index: index([1.53, 1.43][i % 2]),
+            thickness: 1e-9 * (means[i % 2] + sds[i % 2] * z).max(0.0),
+        };
+        let stack = Multilayer {
+            ambient: index(1.0),
+            runs: vec![Run { unit: (0..LAYERS).map(|i| layer(i, normal())).collect(), repeat: 1 }],
+            substrate: index(1.53),
+        };
+        for (a, degrees) in DEGREES.iter().enumerate() {
+            for (b, band) in BANDS.iter().enumerate() {
+                let mut mean = 0.0;
+                for step in [-1.875, -0.625, 0.625, 1.875] {
+                    let metres = 1e-9 * (wavelength_nm[*band] + step);
+                    for polarisation in Polarisation::BOTH {
+                        let theta = Incidence::Angle(degrees.to_radians());
+                        mean +=
+                            stack.solve(metres, theta, polarisation).expect("it solves").reflectance / 8.0;
+                    }
+                }
+                sum[a][b] += mean;
+                square[a][b] += mean * mean;
+            }
+        }
+    }
+    let draws = DRAWS as f64;
+    // The bake's own ensemble has at least 15 members at this cost.
+    let z = |coherent: &lut_io::spectra::Coherent, a: usize, b: usize| {
+        let angle = coherent.theta_deg.iter().position(|t| *t == DEGREES[a]).expect("a stored angle");
+        let found = coherent.modulation[angle][BANDS[b]] * coherent.incoherent[angle];
+        let mean = sum[a][b] / draws;
+        let variance = square[a][b] / draws - mean * mean;
+        (found - mean) / (variance * (1.0 / 15.0 + 1.0 / draws)).sqrt()
+    };
+    let all = || (0..DEGREES.len()).flat_map(|a| (0..BANDS.len()).map(move |b| (a, b)));
+    let rms = |coherent: &lut_io::spectra::Coherent| {
+        (all().map(|(a, b)| z(coherent, a, b).powi(2)).sum::<f64>() / 15.0).sqrt()
+    };
+    for (a, b) in all() {
+        let z = z(&irregular, a, b);
+        // 15 correlated draws of a fixed seed; 4.5 has p = 1e-4 for all of them.
+        assert!(z.abs() < 4.5, "{}° band {}: z {z}", DEGREES[a], BANDS[b]);
+    }
+    assert!(rms(&irregular) < 1.6, "{}", rms(&irregular));
+    assert!(rms(&regular) > 2.0 * rms(&irregular), "a regular stack is another: {}", rms(&regular));
 }

@@ -259,3 +259,52 @@ fn bad_scenes_are_refused_in_one_line_that_names_the_place() {
         assert!(line.contains(said) && line.trim_end().lines().count() == 1, "{args:?}: {line}");
     }
 }
+
+/// Scenes made to eat memory or time, in 600 MB of address space.
+#[cfg(unix)]
+#[test]
+fn scenes_that_would_grow_without_bound_are_refused_within_bounded_memory() {
+    let folder = folder();
+    let numbered = |count: usize| (0..count).map(|i| format!(" a{i}=\"1\"")).collect::<String>();
+    let thousand = "z".repeat(1000);
+    let long = "x".repeat(30_000_000);
+    let repeated = "<string name=\"b\" value=\"$a\"/>".repeat(200_000);
+    for (text, said) in [
+        (format!("<scene><bsdf{}/></scene>", numbered(400_000)), "more than 1000 attributes"),
+        (
+            format!("<scene><default name=\"a\" value=\"{thousand}\"/>{repeated}</scene>"),
+            "when their $names are replaced",
+        ),
+        (format!("<scene><bsdf type=\"pearl\" id=\"{long}\"/></scene>"), "a value has 30000000 bytes"),
+        (one_pearl(&format!("<string name=\"recipe\" value=\"{}\"/>", "y".repeat(900_000))), "no such file"),
+        (
+            format!(
+                "<scene>{}</scene>",
+                (0..20_000).map(|i| format!("<default name=\"d{i}\" value=\"1\"/>")).collect::<String>()
+            ),
+            "more than 10000 defaults",
+        ),
+        ("<scene><include filename=\"/dev/zero\"/></scene>".to_owned(), "\"/dev/zero\" is no file"),
+        (
+            format!("<scene>{}{}</scene>", "<a>".repeat(200_000), "</a>".repeat(200_000)),
+            "nest deeper than 100",
+        ),
+        (format!("<scene>{}</scene>", "<a/>".repeat(1_100_000)), "more than 1000000 elements"),
+    ] {
+        write(folder.path(), "s.xml", &text);
+        let command = "ulimit -v 600000 && exec \"$0\" --threads 1 plan --scene s.xml";
+        let output = std::process::Command::new("sh")
+            .args(["-c", command, env!("CARGO_BIN_EXE_bake-brdf")])
+            .current_dir(folder.path())
+            .output()
+            .expect("a shell");
+        let line = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{said}: {line}");
+        assert!(line.contains(said) && line.trim_end().lines().count() == 1, "expected {said:?}: {line}");
+        assert!(line.chars().count() < 1000, "{said}: a line of {} characters", line.chars().count());
+    }
+    // Comments are no elements, whatever is in them.
+    let ruler = format!("<!-- it's {} -->{}", "=".repeat(3000), one_pearl(""));
+    write(folder.path(), "s.xml", &ruler);
+    assert!(tool(folder.path(), &["plan", "--scene", "s.xml"]).status.success());
+}

@@ -11,6 +11,7 @@ use crate::atomic;
 use crate::both_sides::{BothSides, Passage};
 use crate::compact::packing::{self, Packed};
 use crate::compact::{self, COMPACT_SCHEMA, Compact, Form};
+use crate::dispersion::{self, Bands, Dispersion};
 use crate::error::{Flaw, LutError, READING};
 use crate::measure;
 use crate::table::{Component, Lobe, Meta, Table};
@@ -238,7 +239,7 @@ fn meta_from_ascii(text: &[u8]) -> Result<Meta, Flaw> {
 }
 
 /// The coordinate channels: redundant with the metadata, so that a stock reader needs no formula.
-fn coordinates(meta: &Meta) -> Vec<(&'static str, Vec<f32>)> {
+fn coordinates(meta: &Meta) -> Vec<(String, Vec<f32>)> {
     let axis = &meta.exit_axis;
     let cells = meta.per_incidence.len() * axis.cells();
     let new = || Vec::with_capacity(cells);
@@ -270,6 +271,11 @@ fn coordinates(meta: &Meta) -> Vec<(&'static str, Vec<f32>)> {
     if let Some(section) = both_sides(meta) {
         channels.extend(Passage::ALL.map(|passage| (passage.weight_name(), section.weights(passage, axis))));
     }
+    let mut channels: Vec<(String, Vec<f32>)> =
+        channels.into_iter().map(|(name, samples)| (name.to_owned(), samples)).collect();
+    for (index, band) in bands(meta).iter().enumerate() {
+        channels.push((dispersion::channel_name("weight_sr", index), dispersion::weights(band, meta)));
+    }
     channels
 }
 
@@ -278,9 +284,22 @@ fn both_sides(meta: &Meta) -> Option<BothSides> {
     BothSides::of(meta).ok().flatten()
 }
 
+/// The further bands of metadata that were validated.
+fn bands(meta: &Meta) -> Vec<dispersion::Band> {
+    Dispersion::of(meta).ok().flatten().map_or_else(Vec::new, |section| section.bands)
+}
+
 fn lobe_names(component: Component) -> [String; 3] {
-    let name = component.name();
-    [name.to_owned(), format!("{name}_std_error"), format!("{name}_count")]
+    channel_triple(component.name().to_owned())
+}
+
+fn band_lobe_names(component: Component, band: usize) -> [String; 3] {
+    channel_triple(dispersion::channel_name(component.name(), band))
+}
+
+fn channel_triple(name: String) -> [String; 3] {
+    let (error, count) = (format!("{name}_std_error"), format!("{name}_count"));
+    [name, error, count]
 }
 
 /// Names of all channels of a table.
@@ -293,16 +312,26 @@ fn channel_names(meta: &Meta) -> Vec<String> {
     if both_sides(meta).is_some() {
         names.extend(Passage::ALL.iter().flat_map(|p| [p.name(), p.weight_name()]).map(String::from));
     }
+    for band in 0..bands(meta).len() {
+        names.extend(Component::ALL.into_iter().flat_map(|component| band_lobe_names(component, band)));
+        names.push(dispersion::channel_name("weight_sr", band));
+    }
     names
 }
 
 fn channels(table: &Table) -> Vec<(String, Vec<f32>)> {
-    let mut channels: Vec<(String, Vec<f32>)> =
-        coordinates(&table.meta).into_iter().map(|(name, samples)| (name.to_owned(), samples)).collect();
-    for component in Component::ALL {
-        let lobe = table.lobe(component);
+    let mut channels = coordinates(&table.meta);
+    let mut add = |names: [String; 3], lobe: &Lobe| {
         let samples = [&lobe.value, &lobe.std_error, &lobe.count];
-        channels.extend(lobe_names(component).into_iter().zip(samples.map(Clone::clone)));
+        channels.extend(names.into_iter().zip(samples.map(Clone::clone)));
+    };
+    for component in Component::ALL {
+        add(lobe_names(component), table.lobe(component));
+    }
+    for (band, lobes) in table.bands.iter().enumerate() {
+        for (component, lobe) in Component::ALL.into_iter().zip(lobes) {
+            add(band_lobe_names(component, band), lobe);
+        }
     }
     for (passage, values) in Passage::ALL.iter().zip(table.passages.iter().flatten()) {
         channels.push((passage.name().to_owned(), values.clone()));
@@ -366,16 +395,18 @@ fn assemble(meta: Meta, names: &[String], mut samples: Vec<Vec<f32>>) -> Result<
         at.map(|at| std::mem::take(&mut samples[at])).unwrap_or_default()
     };
     for (name, expected) in coordinates(&meta) {
-        check_coordinates(name, &take(name), &expected)?;
+        check_coordinates(&name, &take(&name), &expected)?;
     }
     let passages = both_sides(&meta).map(|_| Passage::ALL.map(|passage| take(passage.name())));
-    let mut lobe = |component| {
-        let [value, std_error, count] = lobe_names(component).map(|name| take(&name));
+    let mut lobe = |names: [String; 3]| {
+        let [value, std_error, count] = names.map(|name| take(&name));
         Lobe { value, std_error, count }
     };
-    let (interior, surface, rehit) =
-        (lobe(Component::Interior), lobe(Component::Surface), lobe(Component::Rehit));
-    Ok(Table { meta, interior, surface, rehit, passages })
+    let [interior, surface, rehit] = Component::ALL.map(|component| lobe(lobe_names(component)));
+    let further = 0..bands(&meta).len();
+    let bands: Bands =
+        further.map(|band| Component::ALL.map(|component| lobe(band_lobe_names(component, band)))).collect();
+    Ok(Table { meta, interior, surface, rehit, passages, bands })
 }
 
 /// The coordinate channels must say what the axes of the metadata say.

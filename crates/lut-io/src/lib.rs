@@ -2,7 +2,7 @@
 //!
 //! [`axis`] says which directions a row's cells cover, [`measure`] how much direction a cell stands for,
 //! [`decay`] is the azimuth postulate, [`table`] is the table in memory, [`lobe`] reads it at any pair of
-//! directions, [`both_sides`] adds transmission and light from below, [`compact`] are small forms of a table, [`spectra`] holds the colours of interference, [`exr_file`] is the file. [`slice`](mod@slice), [`check`] and [`diff`] are what the tool `lut` shows. The file's layout is documented in `docs/LUT-FORMAT.md`.
+//! directions, [`both_sides`] adds transmission and light from below, [`compact`] are small forms of a table, [`dispersion`] lobes at further wavelengths, [`spectra`] holds the colours of interference, [`exr_file`] is the file. [`slice`](mod@slice), [`check`] and [`diff`] are what the tool `lut` shows. The file's layout is documented in `docs/LUT-FORMAT.md`.
 
 pub mod atomic;
 pub mod axis;
@@ -11,6 +11,7 @@ pub mod check;
 pub mod compact;
 pub mod decay;
 pub mod diff;
+pub mod dispersion;
 pub mod error;
 pub mod exr_file;
 pub mod lobe;

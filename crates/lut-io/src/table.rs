@@ -2,6 +2,7 @@
 
 use crate::axis::{self, ExitAxis};
 use crate::both_sides::{self, BothSides, Passage};
+use crate::dispersion::{self, Dispersion};
 use crate::error::Flaw;
 use crate::spectra::Spectra;
 use serde::{Deserialize, Serialize};
@@ -157,6 +158,8 @@ pub struct Table {
     pub rehit: Lobe,
     /// f·cos θo of what passes and of light from below, by [`Passage`], with the section [`BothSides`] of the metadata.
     pub passages: Option<[Vec<f32>; 3]>,
+    /// Interior, surface and rehit at further wavelengths, with the section [`Dispersion`] of the metadata.
+    pub bands: Vec<[Lobe; 3]>,
 }
 
 /// One component of the lobe with its uncertainty.
@@ -242,6 +245,7 @@ impl Meta {
         share("accuracy.worst_theta_i_deg", self.accuracy.worst_theta_i_deg)?;
         share("accuracy.interpolation_percent", self.accuracy.interpolation_percent)?;
         BothSides::of(self)?;
+        Dispersion::of(self)?;
         Spectra::of(self).map(|_| ())
     }
 
@@ -398,6 +402,15 @@ impl Table {
             check_channel(name, &lobe.value, cells)?;
             check_channel(&format!("{name}_std_error"), &lobe.std_error, cells)?;
             check_channel(&format!("{name}_count"), &lobe.count, cells)?;
+        }
+        self.check_bands(Dispersion::of(&self.meta)?.as_ref())?;
+        for (band, lobes) in self.bands.iter().enumerate() {
+            for (component, lobe) in Component::ALL.iter().zip(lobes) {
+                let name = dispersion::channel_name(component.name(), band);
+                check_channel(&name, &lobe.value, cells)?;
+                check_channel(&format!("{name}_std_error"), &lobe.std_error, cells)?;
+                check_channel(&format!("{name}_count"), &lobe.count, cells)?;
+            }
         }
         match (&self.passages, self.meta.extra.contains_key(both_sides::KEY)) {
             (None, false) => {}

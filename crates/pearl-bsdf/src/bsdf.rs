@@ -8,6 +8,7 @@ use crate::facets::{self, Facets, Half, Rules};
 use crate::quadrature::gauss_legendre;
 use crate::tabulated::{Exit, Incidence, Tabulated, half_azimuth2};
 use lut_io::axis::Stretched;
+use lut_io::dispersion::Dispersion;
 use lut_io::lobe::Interpolant;
 use lut_io::spectra::Spectra;
 use lut_io::table::Table;
@@ -70,6 +71,19 @@ pub struct PearlBsdf {
     bands: Vec<Colours>,
     /// Over θi: probability of sampling interior, rehit, surface, base.
     chances: Box<[[f64; 4]; NODES]>,
+    /// The pearl at further wavelengths, where the table's lobe depends on them.
+    dispersed: Option<Box<Dispersed>>,
+}
+
+/// A lobe that depends on the wavelength: what differs from the pearl at the table's own wavelength.
+#[derive(Clone, Debug)]
+struct Dispersed {
+    /// Wavelengths of all bands, ascending, nm, with their places in `weights`: 0 is the table's own.
+    order: Vec<(f64, usize)>,
+    /// Share of each band in the channels of linear sRGB, the table's own first.
+    weights: Vec<[f64; 3]>,
+    /// The pearl in each of the bands but the table's own.
+    further: Vec<PearlBsdf>,
 }
 
 /// What both eval and pdf need of a pair of directions.
@@ -95,6 +109,7 @@ impl PearlBsdf {
     pub fn from_table(table: Table, controls: Controls) -> Result<Self, BsdfError> {
         controls.check()?;
         table.validate()?;
+        let dispersed = Dispersed::of(&table, controls)?.map(Box::new);
         let spectra = Spectra::of(&table.meta)?;
         controls.check_against(&table.meta, spectra.as_ref())?;
         let facets = Facets::new(&table.meta.surface_model);
@@ -114,7 +129,7 @@ impl PearlBsdf {
         let bands = bands.collect();
         let chances = chances(&rgb, &controls);
         let mirror_scale = mirror_scale(&lobe, &facets, &rules);
-        Ok(Self { controls, facets, tabulated, mirror_scale, rgb, wavelength_nm, bands, chances })
+        Ok(Self { controls, facets, tabulated, mirror_scale, rgb, wavelength_nm, bands, chances, dispersed })
     }
 
     /// The controls.
@@ -137,8 +152,7 @@ impl PearlBsdf {
     /// f·cos θo of each shown component in linear sRGB, 1/sr.
     #[must_use]
     pub fn eval(&self, wi: Direction, wo: Direction) -> Evaluation {
-        let Some(geometry) = self.geometry(wi, wo) else { return Evaluation::default() };
-        self.shade(&self.rgb, &geometry, self.lobes(&geometry), wo, Viewer::AtExit)
+        self.over_bands(|pearl| pearl.eval_own(wi, wo, Viewer::AtExit))
     }
 
     /// What a viewer at `view` sees of unit radiance from `light`: f(light → view)·cos θ of the light, linear sRGB, 1/sr.
@@ -148,8 +162,22 @@ impl PearlBsdf {
     /// the illuminant is read at the viewing angle. [`Self::sample`] and [`Self::pdf`] with wi = view fit.
     #[must_use]
     pub fn eval_seen(&self, view: Direction, light: Direction) -> Evaluation {
-        let Some(geometry) = self.geometry(view, light) else { return Evaluation::default() };
-        self.shade(&self.rgb, &geometry, self.lobes(&geometry), light, Viewer::AtIncidence)
+        self.over_bands(|pearl| pearl.eval_own(view, light, Viewer::AtIncidence))
+    }
+
+    /// Linear sRGB with the lobe at the table's own wavelength.
+    fn eval_own(&self, wi: Direction, wo: Direction, viewer: Viewer) -> Evaluation {
+        let Some(geometry) = self.geometry(wi, wo) else { return Evaluation::default() };
+        self.shade(&self.rgb, &geometry, self.lobes(&geometry), wo, viewer)
+    }
+
+    /// Linear sRGB of all bands: each channel takes its share of each lobe.
+    fn over_bands(&self, own: impl Fn(&Self) -> Evaluation) -> Evaluation {
+        let Some(dispersed) = &self.dispersed else { return own(self) };
+        let mixed = dispersed.mixed(self, |pearl| own(pearl).parts());
+        // Shares of sRGB's channels may be negative; light may not.
+        let [diffuse, incoherent, mirror, blur] = mixed.map(|rgb| rgb.map(|channel| channel.max(0.0)));
+        Evaluation { diffuse, incoherent, mirror, blur }
     }
 
     /// f·cos θo of each shown component at one wavelength (nm), 1/sr, in the order of [`Components::NAMES`].
@@ -171,6 +199,10 @@ impl PearlBsdf {
     /// The sum of [`Self::eval_seen_at`] at many wavelengths (nm), for little more than the price of a few.
     #[must_use]
     pub fn eval_seen_spectrum(&self, view: Direction, light: Direction, wavelengths_nm: &[f64]) -> Vec<f64> {
+        if self.dispersed.is_some() {
+            let at = |nm: &f64| self.eval_seen_at(view, light, *nm).iter().sum();
+            return wavelengths_nm.iter().map(at).collect();
+        }
         let Some(geometry) = self.geometry(view, light) else { return vec![0.0; wavelengths_nm.len()] };
         let lobes = self.lobes(&geometry);
         let shade =
@@ -185,6 +217,19 @@ impl PearlBsdf {
     }
 
     fn shade_at(&self, wi: Direction, wo: Direction, wavelength_nm: f64, viewer: Viewer) -> [f64; 4] {
+        let Some(dispersed) = &self.dispersed else {
+            return self.shade_own_at(wi, wo, wavelength_nm, viewer);
+        };
+        let nodes: Vec<f64> = dispersed.order.iter().map(|(nm, _)| *nm).collect();
+        let (lo, hi, share) = around_wavelength(&nodes, wavelength_nm);
+        let band = |index: usize| {
+            dispersed.pearl(self, dispersed.order[index].1).shade_own_at(wi, wo, wavelength_nm, viewer)
+        };
+        let (a, b) = (band(lo), band(hi));
+        std::array::from_fn(|part| a[part] + share * (b[part] - a[part]))
+    }
+
+    fn shade_own_at(&self, wi: Direction, wo: Direction, wavelength_nm: f64, viewer: Viewer) -> [f64; 4] {
         let Some(geometry) = self.geometry(wi, wo) else { return [0.0; 4] };
         let lobes = self.lobes(&geometry);
         if self.bands.is_empty() {
@@ -211,6 +256,10 @@ impl PearlBsdf {
     #[must_use]
     pub fn eval_pdf(&self, wi: Direction, wo: Direction) -> (Evaluation, f64) {
         let Some(geometry) = self.geometry(wi, wo) else { return (Evaluation::default(), 0.0) };
+        if self.dispersed.is_some() {
+            // The lobe at the table's own wavelength is what is sampled.
+            return (self.eval(wi, wo), self.density(&geometry, wi, wo));
+        }
         (
             self.shade(&self.rgb, &geometry, self.lobes(&geometry), wo, Viewer::AtExit),
             self.density(&geometry, wi, wo),
@@ -244,6 +293,13 @@ impl PearlBsdf {
     /// [`Components::NAMES`]: the integral of [`Self::eval`] over the exit hemisphere, by quadrature.
     #[must_use]
     pub fn directional_albedo(&self, theta_i: f64) -> [[f64; 3]; 4] {
+        match &self.dispersed {
+            None => self.albedo_own(theta_i),
+            Some(dispersed) => dispersed.mixed(self, |pearl| pearl.albedo_own(theta_i)),
+        }
+    }
+
+    fn albedo_own(&self, theta_i: f64) -> [[f64; 3]; 4] {
         let cos_i = theta_i.cos();
         let at_i = Place::of_cos(cos_i);
         let scale = at_i.read(&self.mirror_scale);
@@ -335,6 +391,35 @@ impl PearlBsdf {
     #[inline]
     fn chances(&self, at_i: Place) -> [f64; 4] {
         at_i.read4(&self.chances)
+    }
+}
+
+impl Dispersed {
+    /// The pearl of each further band of a table; `None` for a table of one wavelength.
+    fn of(table: &Table, controls: Controls) -> Result<Option<Self>, BsdfError> {
+        let Some(section) = Dispersion::of(&table.meta)? else { return Ok(None) };
+        let mut order = vec![(table.meta.wavelength_nm, 0)];
+        order.extend(section.bands.iter().map(|band| band.wavelength_nm).zip(1..));
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let further = table.further_bands()?.into_iter().map(|band| PearlBsdf::from_table(band, controls));
+        let further = further.collect::<Result<_, _>>()?;
+        Ok(Some(Self { order, weights: section.rgb_weights, further }))
+    }
+
+    /// The pearl of a band; 0 is the table's own.
+    fn pearl<'a>(&'a self, own: &'a PearlBsdf, band: usize) -> &'a PearlBsdf {
+        if band == 0 { own } else { &self.further[band - 1] }
+    }
+
+    /// The four components of linear sRGB, each channel with its shares of the bands.
+    fn mixed(&self, own: &PearlBsdf, parts: impl Fn(&PearlBsdf) -> [[f64; 3]; 4]) -> [[f64; 3]; 4] {
+        let mut sum = [[0.0; 3]; 4];
+        for (band, weight) in self.weights.iter().enumerate() {
+            for (sum, part) in sum.iter_mut().zip(parts(self.pearl(own, band))) {
+                (0..3).for_each(|c| sum[c] += weight[c] * part[c]);
+            }
+        }
+        sum
     }
 }
 

@@ -5,6 +5,7 @@
 #[path = "../../lut-io/tests/specimen/mod.rs"]
 mod specimen;
 
+use lut_io::dispersion::{self, Dispersion};
 use lut_io::lobe::Interpolant;
 use lut_io::spectra::{Coherent, Illuminant, Spectra};
 use lut_io::table::{Component, Table};
@@ -478,6 +479,95 @@ fn at_band_centres_the_spectral_value_is_the_band() {
     }
     let mixed = bsdf.eval_at(wi, wo, 425.0)[3];
     assert!((mixed - 0.5 * (rgb[3][0] + rgb[3][1])).abs() < 1e-9 * mixed);
+}
+
+/// A table at 550 nm with further lobes at 400 and 700 nm, whose interior is 1.2 and 0.7 times as bright.
+fn dispersed(mut table: Table) -> (Table, Vec<Table>) {
+    table.meta.wavelength_nm = 550.0;
+    let band = |nm: f64, factor: f32| {
+        let mut band = table.clone();
+        band.meta.wavelength_nm = nm;
+        band.interior.value.iter_mut().for_each(|value| *value *= factor);
+        for summary in &mut band.meta.per_incidence {
+            let interior = summary.albedo - summary.surface;
+            summary.albedo = summary.surface + f64::from(factor) * interior;
+            summary.transmitted = 1.0 - summary.albedo;
+        }
+        band
+    };
+    let bands = vec![band(400.0, 1.2), band(700.0, 0.7)];
+    let weights = vec![[0.3, 0.7, 0.4], [-0.1, 0.2, 0.7], [0.8, 0.1, -0.1]];
+    table.add_bands(bands.clone(), weights, 0.5).unwrap();
+    let mut section = Dispersion::of(&table.meta).unwrap().unwrap();
+    let incoherent = Spectra::of(&table.meta).unwrap().unwrap().coherent.unwrap().incoherent;
+    section.bands.iter_mut().for_each(|band| band.incoherent = Some(incoherent.clone()));
+    section.store(&mut table.meta).unwrap();
+    (table, bands)
+}
+
+#[test]
+fn a_dispersed_lobe_is_that_of_the_band_and_linear_between() {
+    for table in tables().map(with_spectra) {
+        let (table, bands) = dispersed(table);
+        let whole = bsdf(&table, Controls::default());
+        let [blue, red] = [0, 1].map(|i| bsdf(&bands[i], Controls::default()));
+        let mut own = table.clone();
+        own.meta.extra.remove(dispersion::KEY);
+        own.bands.clear();
+        let own = bsdf(&own, Controls::default());
+        let (wi, wo) = (direction(0.6, PI), direction(0.7, 0.1));
+        let near = |a: [f64; 4], b: [f64; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-12 * b.abs());
+        for (nm, alone) in [(380.0, &blue), (400.0, &blue), (550.0, &own), (700.0, &red), (760.0, &red)] {
+            assert!(near(whole.eval_at(wi, wo, nm), alone.eval_at(wi, wo, nm)), "{nm} nm");
+        }
+        let (a, b) = (own.eval_at(wi, wo, 600.0), red.eval_at(wi, wo, 600.0));
+        let mixed = std::array::from_fn(|i| a[i] + (b[i] - a[i]) / 3.0);
+        assert!(near(whole.eval_at(wi, wo, 600.0), mixed));
+        // Linear sRGB: each channel with its shares.
+        let (rgb, parts) = (whole.eval(wi, wo).blur, [&own, &blue, &red].map(|one| one.eval(wi, wo).blur));
+        let red_channel = 0.3 * parts[0][0] - 0.1 * parts[1][0] + 0.8 * parts[2][0];
+        assert!((rgb[0] / red_channel - 1.0).abs() < 1e-12 && rgb[0] < rgb[2], "{rgb:?} {red_channel}");
+    }
+}
+
+#[test]
+fn a_dispersed_lobe_is_sampled_without_bias_and_reflects_no_more_than_it_receives() {
+    for table in tables().map(with_spectra) {
+        let (table, _) = dispersed(table);
+        let white = Controls { body_rgb: [1.0; 3], ..Controls::default() };
+        for (controls, white) in [(white, true), (Controls::default(), false)] {
+            let bsdf = bsdf(&table, controls);
+            let mut random = StdRng::seed_from_u64(5);
+            for degrees in [10.0_f64, 60.0] {
+                let wi = direction(degrees.to_radians(), 0.4);
+                let stated: Vec<f64> = (0..3)
+                    .map(|c| bsdf.directional_albedo(degrees.to_radians()).iter().map(|part| part[c]).sum())
+                    .collect();
+                let draws = 40_000;
+                let (mut sum, mut square) = ([0.0; 3], [0.0; 3]);
+                for _ in 0..draws {
+                    let Some(sample) = bsdf.sample(wi, random.random(), random.random(), random.random())
+                    else {
+                        continue;
+                    };
+                    for (c, value) in sample.value.rgb().iter().enumerate() {
+                        sum[c] += value / sample.pdf;
+                        square[c] += (value / sample.pdf).powi(2);
+                    }
+                }
+                for c in 0..3 {
+                    let mean = sum[c] / f64::from(draws);
+                    let error = ((square[c] / f64::from(draws) - mean * mean) / f64::from(draws)).sqrt();
+                    // Four standard errors (p = 6e-5 each of 24), and the quadrature's own 1e-3.
+                    assert!(
+                        (mean - stated[c]).abs() < 4.0 * error + 1e-3,
+                        "{degrees}°: {mean} {error} {stated:?}"
+                    );
+                    assert!(stated[c] <= 1.0 + 1e-3, "{degrees}°: {stated:?} (white: {white})");
+                }
+            }
+        }
+    }
 }
 
 #[test]

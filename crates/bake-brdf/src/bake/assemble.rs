@@ -1,7 +1,7 @@
 //! From a solver's answer to a table: shares of light per cell become f·cos θo per steradian.
 
 use super::halfway::{self, Halfway, Row};
-use super::{Request, SolverChoice, Target, content_hash};
+use super::{BakeError, Bands, Lobes, Request, SolverChoice, Target, content_hash};
 use crate::bake::sampling::Sampling;
 use crate::tally::CellShares;
 use faer::Mat;
@@ -24,16 +24,36 @@ pub(super) struct Incidence {
     pub(super) noise: f64,
 }
 
-/// The table of a finished walk.
-pub(super) fn walk_table(
+/// The table of a finished walk, with those of its further bands.
+pub(super) fn walk_tables(request: &Request, lobes: &Lobes, sampling: &Sampling) -> Result<Table, BakeError> {
+    let table = |band: usize, request: &Request| {
+        walk_table(request, &lobes.transports[band], &lobes.axis, sampling, band)
+    };
+    let further = lobes.bands.further_nm.iter().zip(1..);
+    let further = further.map(|(nm, band)| table(band, &request.at_wavelength(*nm))).collect();
+    joined(table(0, request), further, &lobes.bands)
+}
+
+/// The table of the recipe's wavelength with those of its further bands.
+pub(super) fn joined(mut table: Table, further: Vec<Table>, bands: &Bands) -> Result<Table, BakeError> {
+    if !further.is_empty() {
+        let added = table.add_bands(further, bands.rgb_weights(), bands.interpolation_percent);
+        added.map_err(super::invalid)?;
+    }
+    Ok(table)
+}
+
+fn walk_table(
     request: &Request,
     transport: &Transport,
     axis: &ExitAxis,
     sampling: &Sampling,
+    band: usize,
 ) -> Table {
+    let tallies = sampling.band_tallies(band);
     let incidences =
-        sampling.tallies().iter().zip(&request.incident_deg).enumerate().map(|(i, (tally, &theta_i_deg))| {
-            let spread = sampling.spread(i);
+        tallies.iter().zip(&request.incident_deg).enumerate().map(|(i, (tally, &theta_i_deg))| {
+            let spread = sampling.spread(band * tallies.len() + i);
             Incidence {
                 summary: IncidenceSummary {
                     accuracy_percent: 100.0 * tally.total_variation_bound(&spread),
@@ -43,7 +63,7 @@ pub(super) fn walk_table(
                 noise: tally.total_variation_error(&spread),
             }
         });
-    let crossings: u64 = sampling.tallies().iter().map(|tally| tally.crossings).sum();
+    let crossings: u64 = tallies.iter().map(|tally| tally.crossings).sum();
     let mut settings = settings([
         ("estimator", "analog".into()),
         ("precision", sampling.precision().into()),
@@ -317,6 +337,7 @@ pub(super) fn table(
         surface,
         rehit,
         passages: None,
+        bands: Vec::new(),
     }
 }
 

@@ -1,6 +1,7 @@
 //! From a recipe to a table: chooses cells and incidences, runs a solver, assembles the result.
 
 pub(crate) mod assemble;
+mod bands;
 mod choice;
 mod halfway;
 pub mod reproduce;
@@ -8,6 +9,7 @@ pub mod sampling;
 mod second_side;
 pub mod snapshot;
 
+pub use bands::Bands;
 pub use choice::{Counts, ROWS, WALKED, choose_solver, counts};
 
 use crate::effects::{Decisions, Effect, EffectSet, View};
@@ -15,6 +17,7 @@ use crate::recipe::{AzimuthMode, Recipe, RecipeError};
 use crate::spectra::{self, Colours, Wanted};
 use crate::tally::Tally;
 use lut_io::axis::{ExitAxis, MAX_WIDTH};
+use lut_io::dispersion::Dispersion;
 use lut_io::table::Table;
 use sampling::{Sampling, Shard, State};
 use serde::{Deserialize, Serialize};
@@ -273,13 +276,17 @@ impl Request {
         spectra::of(&self.recipe, wanted).map_err(|why| BakeError::Input(why.to_string()))
     }
 
-    pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Transport, ExitAxis), BakeError> {
+    pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Lobes), BakeError> {
         self.check()?;
-        let transport = self.transport()?;
+        // First of all what is wrong at the recipe's own wavelength.
+        let own = self.transport()?;
+        let bands = self.bands()?;
+        let further = bands.further_nm.iter().map(|nm| self.at_wavelength(*nm).transport());
+        let transports: Vec<Transport> = std::iter::once(Ok(own)).chain(further).collect::<Result<_, _>>()?;
         let geometry = self.geometry();
-        let axis = exit_axis(geometry, transport.facets.slope_sd);
+        let axis = exit_axis(geometry, self.recipe.facets.slope_sd_deg.to_radians());
         let sampling = Sampling::new(
-            &transport,
+            &transports,
             geometry,
             &axis,
             self.recipe.azimuth.width_deg,
@@ -289,8 +296,15 @@ impl Request {
             self.precision,
             shard,
         )?;
-        Ok((sampling, transport, axis))
+        Ok((sampling, Lobes { bands, transports, axis }))
     }
+}
+
+/// The lobes of a request: their wavelengths, the transport problem at each, and the exit cells of all.
+pub(crate) struct Lobes {
+    pub(crate) bands: Bands,
+    pub(crate) transports: Vec<Transport>,
+    pub(crate) axis: ExitAxis,
 }
 
 /// Names what a bake of this request by this solver holds: equal for equal tables (`content_hash` of the metadata).
@@ -365,29 +379,43 @@ pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
     if let Some(why) = walk_only(&transport) {
         return Err(BakeError::Input(format!("solver doubling: {why}; use --solver walk or auto")));
     }
-    let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    let bands = request.bands()?;
+    if sides == Sides::Both && !bands.further_nm.is_empty() {
+        let line = "both-sides: holds one wavelength, expected --effects without dispersion";
+        return Err(BakeError::Input(line.to_owned()));
+    }
     // Before the lobe, so that a refusal comes before the work.
     let colours = request.colours()?;
+    let further = bands.further_nm.iter().map(|nm| request.at_wavelength(*nm));
+    let further: Result<Vec<Table>, BakeError> =
+        further.map(|request| doubled(&request, &request.transport()?, percent, sides)).collect();
+    let table = doubled(request, &transport, percent, sides)?;
+    coloured(request, assemble::joined(table, further?, &bands)?, &colours)
+}
+
+/// The table of one wavelength, without colours.
+fn doubled(request: &Request, transport: &Transport, percent: f64, sides: Sides) -> Result<Table, BakeError> {
+    let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
     if transport.facets.slope_sd == 0.0 {
-        let lobes = doubling::smooth(&transport, &request.theta_i())?;
+        let lobes = doubling::smooth(transport, &request.theta_i())?;
         let below = match sides {
             Sides::Above => None,
             Sides::Both => Some(doubling::smooth(&transport.upside_down(), &request.theta_i())?),
         };
-        let table = second_side::smooth_table(request, &transport, &axis, &lobes, below.as_deref());
-        return coloured(request, table.map_err(invalid)?, &colours);
+        return second_side::smooth_table(request, transport, &axis, &lobes, below.as_deref())
+            .map_err(invalid);
     }
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
     let mut theta_i = request.theta_i();
     let intervals = halfway::intervals(&theta_i);
     theta_i.extend(halfway::middles(&theta_i, &intervals));
     let both_sides = sides == Sides::Both;
-    let solution = doubling::solve_to(&transport, request.geometry(), &theta_i, share, both_sides)?;
-    let mut table = assemble::doubling_table(request, &transport, &axis, &solution, &intervals);
+    let solution = doubling::solve_to(transport, request.geometry(), &theta_i, share, both_sides)?;
+    let mut table = assemble::doubling_table(request, transport, &axis, &solution, &intervals);
     if let Some(below) = &solution.from_below {
-        second_side::add(&mut table, request, &transport, &solution, below).map_err(invalid)?;
+        second_side::add(&mut table, request, transport, &solution, below).map_err(invalid)?;
     }
-    coloured(request, table, &colours)
+    Ok(table)
 }
 
 /// Why a problem has no solution by doubling, if it has none.
@@ -415,7 +443,7 @@ pub fn walk(
     if !request.effects.has_lobe() {
         return coloured(request, lobeless(request)?, &request.colours()?);
     }
-    let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    let (mut sampling, lobes) = request.sampling(Shard::WHOLE)?;
     // Before the lobe, so that a refusal comes before the work.
     let colours = request.colours()?;
     let result = walk_target(request, &mut sampling, observer, resume);
@@ -423,12 +451,22 @@ pub fn walk(
         (checkpoint.keep)(&sampling.state());
     }
     result?;
-    coloured(request, assemble::walk_table(request, &transport, &axis, &sampling), &colours)
+    coloured(request, assemble::walk_tables(request, &lobes, &sampling)?, &colours)
 }
 
 /// Adds the colours; thicknesses matter to nothing else, so that irregularity is held if a colour is.
 fn coloured(request: &Request, mut table: Table, colours: &Colours) -> Result<Table, BakeError> {
-    colours.store(&mut table.meta).map_err(|flaw| BakeError::Input(flaw.to_string()))?;
+    colours.store(&mut table.meta).map_err(invalid)?;
+    if let (Some(coherent), Some(mut dispersion)) =
+        (&colours.spectra.coherent, Dispersion::of(&table.meta).map_err(invalid)?)
+    {
+        let wanted = Wanted::by_effects(request.effects, request.listed);
+        for band in &mut dispersion.bands {
+            let nm = band.wavelength_nm;
+            band.incoherent = Some(spectra::incoherent(&request.recipe, wanted, nm, &coherent.theta_deg)?);
+        }
+        dispersion.store(&mut table.meta).map_err(invalid)?;
+    }
     let held = |effect: Effect| match effect {
         Effect::Coherent | Effect::Illuminant => colours.effects().contains(effect),
         Effect::Irregularity => colours.effects() != EffectSet::NONE,
@@ -478,9 +516,9 @@ pub fn forecast(request: &Request, observer: &Observer<'_>) -> Result<Forecast, 
     if !request.effects.has_lobe() {
         return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0, cells: 0 });
     }
-    let (mut sampling, _, axis) = request.sampling(Shard::WHOLE)?;
+    let (mut sampling, lobes) = request.sampling(Shard::WHOLE)?;
     let (seconds, paths) = sampling.forecast(request.target, observer)?;
-    let cells = axis.cells() as u64 * request.incident_deg.len() as u64;
+    let cells = (lobes.axis.cells() * request.incident_deg.len() * lobes.transports.len()) as u64;
     // Three components of value, error and count, and four coordinates, four bytes each.
     Ok(Forecast { seconds, paths, bytes: cells * 13 * 4, cells })
 }
@@ -499,8 +537,9 @@ pub fn forecast_of(
     }
     let transport = request.transport()?;
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
-    let cells = axis.cells() as u64 * request.incident_deg.len() as u64;
-    let seconds = doubling_seconds(request, &transport)?;
+    let bands = 1 + request.bands()?.further_nm.len();
+    let cells = (axis.cells() * request.incident_deg.len() * bands) as u64;
+    let seconds = bands as f64 * doubling_seconds(request, &transport)?;
     Ok(Forecast { seconds, paths: 0, bytes: cells * 13 * 4, cells })
 }
 

@@ -9,6 +9,7 @@ use crate::bake::sampling::{self, Shard};
 use crate::effects::{Effect, EffectSet};
 use crate::recipe::Recipe;
 use crate::spectra::MISSING_KEY;
+use lut_io::dispersion::{self, Dispersion};
 use lut_io::table::{Component, IncidenceSummary, Lobe, Meta, Solver, Table};
 use serde::Serialize;
 use serde_json::Value;
@@ -116,10 +117,12 @@ pub fn bake_again(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeErr
         return super::walk(&request, observer, None);
     }
     // A time gives other path counts every time: those of the table are walked.
-    let paths: Vec<u64> = meta.per_incidence.iter().map(|at| at.paths).collect();
-    let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    let further = Dispersion::of(meta).map_err(|flaw| BakeError::Input(flaw.to_string()))?;
+    let further = further.iter().flat_map(|section| &section.bands).flat_map(|band| &band.per_incidence);
+    let paths: Vec<u64> = meta.per_incidence.iter().chain(further).map(|at| at.paths).collect();
+    let (mut sampling, lobes) = request.sampling(Shard::WHOLE)?;
     sampling.walk_to_each(&paths, observer)?;
-    let table = assemble::walk_table(&request, &transport, &axis, &sampling);
+    let table = assemble::walk_tables(&request, &lobes, &sampling)?;
     super::coloured(&request, table, &request.colours()?)
 }
 
@@ -131,6 +134,12 @@ pub fn differences(stored: &Table, again: &Table) -> Vec<Difference> {
     compare_json("", &as_json(&stored.meta), &as_json(&again.meta), &mut found);
     for component in Component::ALL {
         compare_lobes(component.name(), stored, stored.lobe(component), again.lobe(component), &mut found);
+    }
+    for (band, (one, other)) in stored.bands.iter().zip(&again.bands).enumerate() {
+        for (i, component) in Component::ALL.into_iter().enumerate() {
+            let name = dispersion::channel_name(component.name(), band);
+            compare_lobes(&name, stored, &one[i], &other[i], &mut found);
+        }
     }
     found
 }

@@ -29,10 +29,12 @@ pub const MAX_PATHS: u64 = 10_000_000_000;
 /// own error, so that a second round is rare.
 const AIM: f64 = 0.97;
 
-/// Paths of every incidence, walked so far.
+/// Paths of every lobe, walked so far. A lobe is an incidence in a band: all incidences of the first band (the recipe's own
+/// wavelength), then those of the next. Random numbers do not know the band: the same paths meet other indices.
 #[derive(Debug)]
 pub struct Sampling {
-    walker: Walker,
+    /// One a band.
+    walkers: Vec<Walker>,
     cells: Vec<Cells>,
     axis: ExitAxis,
     /// w of the decay postulate, degrees, where the recipe fixes it.
@@ -50,11 +52,11 @@ pub struct Sampling {
 /// All that has to survive for a bake to go on where it stopped.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct State {
-    /// One tally per incidence.
+    /// One tally per lobe: per incidence and, with dispersion, per band.
     pub tallies: Vec<Tally>,
-    /// Path numbers below this are done (or belong to other shards), per incidence.
+    /// Path numbers below this are done (or belong to other shards), per lobe.
     pub position: Vec<u64>,
-    /// Where the round in progress ends, per incidence.
+    /// Where the round in progress ends, per lobe.
     pub targets: Vec<u64>,
     /// Milliseconds spent.
     pub milliseconds: u64,
@@ -73,28 +75,28 @@ impl Shard {
     /// Everything in one bake.
     pub const WHOLE: Self = Self { index: 1, count: 1 };
 
-    /// Blocks go round the shards, each incidence starting with the next one, so that every shard gets its share of
-    /// every incidence.
-    fn owns(self, incidence: usize, from: u64) -> bool {
-        (from / BLOCK + incidence as u64) % u64::from(self.count) == u64::from(self.index - 1)
+    /// Blocks go round the shards, each lobe starting with the next one, so that every shard gets its share of
+    /// every lobe.
+    fn owns(self, lobe: usize, from: u64) -> bool {
+        (from / BLOCK + lobe as u64) % u64::from(self.count) == u64::from(self.index - 1)
     }
 }
 
-/// One task: a run of path numbers of one incidence.
+/// One task: a run of path numbers of one lobe.
 #[derive(Clone, Copy, Debug)]
 struct Task {
-    incidence: usize,
+    lobe: usize,
     from: u64,
     to: u64,
 }
 
 impl Sampling {
-    /// Prepares the walk of `transport` at `theta_i` (radians) into the cells of `axis`.
+    /// Prepares the walk of each band's transport problem at `theta_i` (radians) into the cells of `axis`.
     ///
     /// # Errors
     /// The walk cannot be prepared for this stack.
     pub fn new(
-        transport: &Transport,
+        transports: &[Transport],
         geometry: Geometry,
         axis: &ExitAxis,
         azimuth_width_deg: Option<f64>,
@@ -104,9 +106,11 @@ impl Sampling {
         precision: Precision,
         shard: Shard,
     ) -> Result<Self, BakeError> {
-        let walker = Walker::new(transport, geometry, precision, None);
+        let walker = |transport| Walker::new(transport, geometry, precision, None);
+        let walkers: Result<Vec<Walker>, _> = transports.iter().map(walker).collect();
+        let lobes = transports.len() * theta_i.len();
         Ok(Self {
-            walker: walker.map_err(|why| BakeError::Input(why.to_string()))?,
+            walkers: walkers.map_err(|why| BakeError::Input(why.to_string()))?,
             cells: theta_i.iter().map(|&theta| Cells::new(axis, theta)).collect(),
             axis: *axis,
             azimuth_width_deg,
@@ -115,9 +119,9 @@ impl Sampling {
             event_cap,
             shard,
             state: State {
-                tallies: vec![Tally::new(axis.cells()); theta_i.len()],
-                position: vec![0; theta_i.len()],
-                targets: vec![0; theta_i.len()],
+                tallies: vec![Tally::new(axis.cells()); lobes],
+                position: vec![0; lobes],
+                targets: vec![0; lobes],
                 milliseconds: 0,
             },
             started: Instant::now(),
@@ -125,10 +129,25 @@ impl Sampling {
         })
     }
 
-    /// The tallies, one per incidence.
+    /// The tallies of the recipe's own wavelength, one per incidence.
     #[must_use]
     pub fn tallies(&self) -> &[Tally] {
-        &self.state.tallies
+        self.band_tallies(0)
+    }
+
+    /// The tallies of a band, one per incidence.
+    pub(super) fn band_tallies(&self, band: usize) -> &[Tally] {
+        &self.state.tallies[band * self.theta_i.len()..(band + 1) * self.theta_i.len()]
+    }
+
+    /// Bands times incidences.
+    fn lobes(&self) -> usize {
+        self.walkers.len() * self.theta_i.len()
+    }
+
+    /// Number of the incidence of a lobe.
+    fn incidence_of(&self, lobe: usize) -> usize {
+        lobe % self.theta_i.len()
     }
 
     /// What has to survive for the bake to go on later.
@@ -142,10 +161,10 @@ impl Sampling {
     /// # Errors
     /// A state of other incidences or cells, or the observer asked to stop.
     pub fn resume(&mut self, state: State, observer: &Observer<'_>) -> Result<(), BakeError> {
-        let incidences = self.theta_i.len();
-        let fits = state.tallies.len() == incidences
-            && state.position.len() == incidences
-            && state.targets.len() == incidences
+        let lobes = self.lobes();
+        let fits = state.tallies.len() == lobes
+            && state.position.len() == lobes
+            && state.targets.len() == lobes
             && state.tallies.iter().all(|tally| tally.cells() == self.tally_cells());
         if !fits {
             return Err(BakeError::Input(
@@ -172,12 +191,12 @@ impl Sampling {
         if self.shard == Shard::WHOLE {
             self.walk_pilot(paths.min(PILOT), observer)?;
         }
-        let targets = vec![paths; self.theta_i.len()];
+        let targets = vec![paths; self.lobes()];
         (observer.forecast)(self.seconds_to(&targets));
         self.walk_to(&targets, observer)
     }
 
-    /// Walks every incidence up to its own number of paths.
+    /// Walks every lobe up to its own number of paths, band by band.
     ///
     /// # Errors
     /// The observer asked to stop.
@@ -243,7 +262,7 @@ impl Sampling {
         self.walk_pilot(PILOT, observer)?;
         let targets: Vec<u64> = match target {
             Target::AccuracyPercent(percent) => self.targets_for_accuracy(percent / 100.0),
-            Target::Paths(paths) => vec![paths; self.theta_i.len()],
+            Target::Paths(paths) => vec![paths; self.lobes()],
             Target::Time(budget) => self.targets_for_seconds(budget.as_secs_f64()),
         };
         let seconds = self.seconds() + self.seconds_to(&targets);
@@ -253,7 +272,7 @@ impl Sampling {
     /// Arithmetic that the walk uses, `f32` or `f64`.
     #[must_use]
     pub fn precision(&self) -> &'static str {
-        match self.walker.precision() {
+        match self.walkers[0].precision() {
             Precision::F64 => "f64",
             _ => "f32",
         }
@@ -261,12 +280,12 @@ impl Sampling {
 
     /// Solid angle per unit of extent of each cell of one incidence: in the plane it follows from the decay postulate,
     /// whose w may be the tally's own standard deviation.
-    pub(super) fn spread(&self, incidence: usize) -> Vec<f64> {
-        let theta_i = self.theta_i[incidence];
+    pub(super) fn spread(&self, lobe: usize) -> Vec<f64> {
+        let theta_i = self.theta_i[self.incidence_of(lobe)];
         if matches!(self.axis, ExitAxis::Space { .. }) {
             return vec![1.0; self.axis.cells()];
         }
-        let sd = self.state.tallies[incidence].moments(theta_i).sd.to_degrees();
+        let sd = self.state.tallies[lobe].moments(theta_i).sd.to_degrees();
         let width = azimuth_width_deg(self.azimuth_width_deg, sd).to_radians();
         let weights = measure::reading_weights(&self.axis, theta_i, width);
         weights.iter().zip(measure::cell_extents(&self.axis, theta_i)).map(|(w, extent)| w / extent).collect()
@@ -294,7 +313,7 @@ impl Sampling {
         if self.state.position.iter().any(|&position| position > 0) {
             return Ok(()); // resumed
         }
-        let targets = vec![paths; self.theta_i.len()];
+        let targets = vec![paths; self.lobes()];
         self.walk_to(&targets, observer)
     }
 
@@ -339,20 +358,20 @@ impl Sampling {
     /// Walks every incidence to its target, in slices after which the state is whole and can be kept.
     fn walk_to(&mut self, targets: &[u64], observer: &Observer<'_>) -> Result<(), BakeError> {
         let mut tasks = Vec::new();
-        for (incidence, (&position, &target)) in self.state.position.iter().zip(targets).enumerate() {
+        for (lobe, (&position, &target)) in self.state.position.iter().zip(targets).enumerate() {
             // A chunk is never split between two rounds: its sums are rounded once.
             debug_assert!(position >= target || position.is_multiple_of(CHUNK));
             let mut from = position;
             while from < target {
                 let to = target.min((from / BLOCK + 1) * BLOCK);
-                if self.shard.owns(incidence, from) {
-                    tasks.push(Task { incidence, from, to });
+                if self.shard.owns(lobe, from) {
+                    tasks.push(Task { lobe, from, to });
                 }
                 from = to;
             }
         }
         self.state.targets = targets.to_vec();
-        let spreads: Vec<Vec<f64>> = (0..self.theta_i.len()).map(|i| self.spread(i)).collect();
+        let spreads: Vec<Vec<f64>> = (0..self.lobes()).map(|i| self.spread(i)).collect();
         let expected = self.crossings() as f64 + self.crossings_to(targets);
         let mut kept = Instant::now();
         let mut left = tasks.as_slice();
@@ -399,24 +418,26 @@ impl Sampling {
             }
             let tally = self.walk_task(task);
             let mut tallies = walked.lock().unwrap_or_else(PoisonError::into_inner);
-            tallies[task.incidence].add(&tally);
+            tallies[task.lobe].add(&tally);
             (observer.progress)(&Progress { tallies: &tallies, spreads, expected_crossings: expected });
             Ok(())
         })?;
         self.state.tallies = walked.into_inner().unwrap_or_else(PoisonError::into_inner);
         for task in slice {
-            self.state.position[task.incidence] = task.to;
+            self.state.position[task.lobe] = task.to;
         }
         Ok(())
     }
 
     fn walk_task(&self, task: &Task) -> Tally {
-        let cells = &self.cells[task.incidence];
+        let incidence = self.incidence_of(task.lobe);
+        let cells = &self.cells[incidence];
         let empty = Exit { direction: [0.0; 3], weight: 0.0, fate: Fate::Truncated };
         let mut exits = vec![empty; (task.to - task.from) as usize];
-        let theta_i = self.theta_i[task.incidence];
+        let theta_i = self.theta_i[incidence];
+        let walker = &self.walkers[task.lobe / self.theta_i.len()];
         let mut tally = Tally::new(self.tally_cells());
-        tally.crossings = self.walker.run(theta_i, self.seed, task.from..task.to, self.event_cap, &mut exits);
+        tally.crossings = walker.run(theta_i, self.seed, task.from..task.to, self.event_cap, &mut exits);
         for chunk in exits.chunks(CHUNK as usize) {
             tally.add_chunk(cells, chunk);
         }
@@ -456,7 +477,7 @@ pub(super) fn scout(request: &Request, accuracy: f64) -> Result<Effort, BakeErro
     let few: Vec<f64> = angles.iter().copied().step_by(every).collect();
     let share = angles.len() as f64 / few.len() as f64;
     let scouted = Request { incident_deg: few, ..request.clone() };
-    let (mut sampling, _, _) = scouted.sampling(Shard::WHOLE)?;
+    let (mut sampling, _) = scouted.sampling(Shard::WHOLE)?;
     sampling.walk_pilot(SCOUT_PATHS, &Observer::idle())?;
     let mut effort = Effort { crossings: 0.0, paths: 0.0 };
     for (tally, target) in sampling.state.tallies.iter().zip(sampling.targets_for_accuracy(accuracy)) {

@@ -8,6 +8,7 @@ use super::sampling::{self, Sampling, Shard, State};
 use super::{BakeError, Observer, Request, Target, assemble};
 use crate::effects::Effect;
 use crate::tally::{CHUNK, Tally};
+use lut_io::dispersion::MOST_BANDS;
 use lut_io::table::Table;
 use serde::{Deserialize, Serialize};
 use std::io;
@@ -176,7 +177,13 @@ impl Snapshot {
         if index == 0 || index > count || count > MOST_SHARDS {
             return Err("its shard number is out of range");
         }
-        if [tallies.len(), position.len(), targets.len()] != [self.incident_deg.len(); 3] {
+        // One tally an incidence and band.
+        let (lobes, incidences) = (tallies.len(), self.incident_deg.len());
+        let bands = lobes.checked_div(incidences).unwrap_or(0);
+        if bands * incidences != lobes
+            || bands > MOST_BANDS + 1
+            || [position.len(), targets.len()] != [lobes; 2]
+        {
             return Err("it has other numbers of tallies than of incidences");
         }
         // A NaN would make a state that does not even belong to its own bake.
@@ -232,7 +239,7 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
         return refuse(format!("shard {} of {} missing", missing.join(", "), first.shard.count));
     }
     let request = first.request().map_err(|why| BakeError::Input(format!("{first_name}: {why}")))?;
-    let (mut sampling, transport, axis) = request.sampling(Shard::WHOLE)?;
+    let (mut sampling, lobes) = request.sampling(Shard::WHOLE)?;
     let mut state = first.state.clone();
     for (name, shard) in &shards[1..] {
         for (sum, tally) in state.tallies.iter_mut().zip(&shard.state.tallies) {
@@ -244,11 +251,8 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
     }
     let idle = Observer::idle();
     sampling.resume(state, &idle)?;
-    super::coloured(
-        &request,
-        assemble::walk_table(&request, &transport, &axis, &sampling),
-        &request.colours()?,
-    )
+    let table = assemble::walk_tables(&request, &lobes, &sampling)?;
+    super::coloured(&request, table, &request.colours()?)
 }
 
 /// Walks one shard of a bake and gives its snapshot.
@@ -277,7 +281,7 @@ pub fn walk_shard(request: &Request, shard: Shard, observer: &Observer<'_>) -> R
         // Refused here or not at all: what is merged has no one to refuse it to.
         request.colours()?;
     }
-    let (mut sampling, _, _): (Sampling, _, _) = request.sampling(shard)?;
+    let (mut sampling, _): (Sampling, _) = request.sampling(shard)?;
     sampling.walk_to_paths(paths, observer)?;
     Ok(Snapshot::new(request, shard, sampling.state()))
 }

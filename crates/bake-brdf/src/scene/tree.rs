@@ -15,8 +15,14 @@ const MAX_INCLUDE_DEPTH: usize = 15;
 const MAX_DEPTH: usize = 100;
 /// Most elements and attributes of all files together.
 const MAX_NODES: u32 = 1_000_000;
-/// Longest value after `$name` is replaced, bytes.
+/// Longest value, `$name` replaced or not, bytes; all replaced values together have the bound of the files.
 const MAX_VALUE: usize = 1 << 20;
+/// Most attributes of an element: the parser compares each with all before it.
+const MAX_ATTRIBUTES: usize = 1000;
+/// Most names of values: each `$` is compared with all of them.
+const MAX_DEFAULTS: usize = 10_000;
+/// Longest line of an error, characters; what is longer loses its middle.
+const MAX_LINE: usize = 600;
 
 /// The files of a scene, the scene itself first; a file included twice is there twice.
 #[derive(Clone, Debug, Default)]
@@ -111,7 +117,7 @@ impl Files {
 
     /// An error at an element.
     pub(super) fn refuse(&self, element: &Element, problem: impl std::fmt::Display) -> SceneError {
-        SceneError(format!("{}: {problem}", self.place(element)))
+        SceneError(shortened(&format!("{}: {problem}", self.place(element))))
     }
 
     /// A file that a scene names: relative names start from the scene's folder, then its `<path>`s.
@@ -122,7 +128,8 @@ impl Files {
 
 /// Loads a scene.
 pub(super) fn load(path: &Path) -> Result<(Files, Element), SceneError> {
-    let mut loader = Loader { files: Files::default(), open: Vec::new(), bytes: 0, nodes: MAX_NODES };
+    let mut loader =
+        Loader { files: Files::default(), open: Vec::new(), bytes: 0, replaced: 0, nodes: MAX_NODES };
     loader.files.folders.push(lut_io::atomic::folder_of(path).to_owned());
     let file = loader.open(path, path.display().to_string()).map_err(SceneError)?;
     let (root, _) = loader.parse(file)?;
@@ -138,6 +145,8 @@ struct Loader {
     /// Canonical paths of the files that are being read, outermost first.
     open: Vec<(PathBuf, usize)>,
     bytes: usize,
+    /// Bytes of values with a `$name` replaced.
+    replaced: usize,
     nodes: u32,
 }
 
@@ -164,11 +173,15 @@ impl Loader {
     /// The tree of a file, and the bytes inside its root element.
     fn parse(&mut self, file: usize) -> Result<(Element, Range<usize>), SceneError> {
         let text = self.files.list[file].text.clone();
+        if let Some(byte) = crowded(&text) {
+            let problem = format!("an element has more than {MAX_ATTRIBUTES} attributes");
+            return Err(SceneError(format!("{}: {problem}", self.files.place_of((file, byte)))));
+        }
         let options =
             roxmltree::ParsingOptions { allow_dtd: false, nodes_limit: self.nodes, ..Default::default() };
         let document = roxmltree::Document::parse_with_options(&text, options).map_err(|error| {
             let name = &self.files.list[file].name;
-            SceneError(format!("{name}:{}: {}", error.pos().row, xml_problem(&error)))
+            SceneError(shortened(&format!("{name}:{}: {}", error.pos().row, xml_problem(&error))))
         })?;
         self.nodes = self.nodes.saturating_sub(document.root().descendants().count() as u32).max(1);
         let root = document.root_element();
@@ -232,13 +245,21 @@ impl Loader {
 
     /// The first value of a name holds.
     fn default(&mut self, element: &Element) -> Result<(), SceneError> {
+        if self.files.defaults.len() >= MAX_DEFAULTS {
+            return Err(self
+                .files
+                .refuse(element, format!("the scene has more than {MAX_DEFAULTS} defaults")));
+        }
         let (name, value) = (self.required(element, "name")?, self.required(element, "value")?);
         self.files.defaults.entry(name.to_owned()).or_insert_with(|| value.to_owned());
         Ok(())
     }
 
     /// Replaces `$name` by its value, the longest name that fits.
-    fn substitute(&self, value: &str) -> Result<String, String> {
+    fn substitute(&mut self, value: &str) -> Result<String, String> {
+        if value.len() > MAX_VALUE {
+            return Err(format!("a value has {} bytes, expected at most {MAX_VALUE}", value.len()));
+        }
         let mut out = String::new();
         let mut rest = value;
         while let Some(at) = rest.find('$') {
@@ -257,6 +278,14 @@ impl Loader {
             if out.len() > MAX_VALUE {
                 return Err(format!(
                     "a value grows longer than {MAX_VALUE} bytes when its $names are replaced"
+                ));
+            }
+        }
+        if rest.len() < value.len() {
+            self.replaced += out.len() + rest.len();
+            if self.replaced > MAX_BYTES {
+                return Err(format!(
+                    "the scene's values are longer than {MAX_BYTES} bytes together when their $names are replaced"
                 ));
             }
         }
@@ -298,6 +327,52 @@ impl Loader {
         self.files.inclusions.push(Inclusion { at, of: (file, root.range.clone()) });
         Ok(vec![root])
     }
+}
+
+/// The first element with more than [`MAX_ATTRIBUTES`], by its first byte.
+fn crowded(text: &str) -> Option<usize> {
+    let bytes = text.as_bytes();
+    let mut at = 0;
+    while let Some(start) = text[at..].find('<').map(|found| at + found) {
+        // Comments and character data have no attributes, and quotes that need no partner.
+        let skipped =
+            [("<!--", "-->"), ("<![CDATA[", "]]>")].iter().find(|(open, _)| text[start..].starts_with(open));
+        if let Some((_, close)) = skipped {
+            at = text[start..].find(close).map_or(text.len(), |end| start + end + close.len());
+            continue;
+        }
+        let (mut quote, mut count) = (None, 0);
+        at = start + 1;
+        while at < bytes.len() {
+            match (quote, bytes[at]) {
+                (Some(open), byte) if byte == open => quote = None,
+                (Some(_), _) => {}
+                (None, byte @ (b'"' | b'\'')) => quote = Some(byte),
+                (None, b'>') => break,
+                (None, b'=') => count += 1,
+                _ => {}
+            }
+            if count > MAX_ATTRIBUTES {
+                return Some(start);
+            }
+            at += 1;
+        }
+        // Past an ASCII byte, or at the end: a boundary of characters.
+        at = (at + 1).min(text.len());
+    }
+    None
+}
+
+/// A line that names a value of the scene, short enough to be read.
+fn shortened(line: &str) -> String {
+    let characters = line.chars().count();
+    if characters <= MAX_LINE {
+        return line.to_owned();
+    }
+    let half = MAX_LINE / 2;
+    let head: String = line.chars().take(half).collect();
+    let tail: String = line.chars().skip(characters - half).collect();
+    format!("{head}…{tail}")
 }
 
 /// What the parser found, without the position, which the message names already.

@@ -11,7 +11,8 @@ use exr::prelude::Compression;
 const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 const MAX_ATTRIBUTES: usize = 256;
 const MAX_NAME: usize = 255;
-const MAX_CHANNELS: usize = 64;
+/// Those of a table with both sides and the most bands of dispersion.
+const MAX_CHANNELS: usize = 24 + 10 * crate::dispersion::MOST_BANDS;
 /// Longest header that is looked at.
 pub(super) const MAX_BYTES: usize = MAX_META_BYTES + (4 << 20);
 /// Deflate cannot expand more than 1032 times (RFC 1951: 258 bytes from 2 bits); a claim beyond is false.

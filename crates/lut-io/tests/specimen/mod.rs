@@ -45,6 +45,7 @@ pub(crate) fn table(theta_i_deg: &[f64], axis: ExitAxis) -> Table {
         surface: Lobe::default(),
         rehit: Lobe::default(),
         passages: None,
+        bands: Vec::new(),
     };
     for degrees in theta_i_deg {
         let theta_i = degrees.to_radians();
