@@ -31,12 +31,15 @@ def test_the_quick_comparison_keeps_its_limits(tmp_path):
     if LLVM_MISSING:
         print(f"\n{LLVM_MISSING}", file=sys.__stderr__)
         pytest.skip(LLVM_MISSING)
-    done = compare("--quick", "--ways", "bcd", "-o", tmp_path)
+    done = compare("--quick", "-o", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     report = json.loads((tmp_path / "compare.json").read_text())
     assert report["schema"] == "pearl-compare/1" and report["pass"]
     passed = {line["ways"] for line in report["lines"] if line["verdict"] == "pass"}
-    assert passed == {"c|b", "d|b"}
+    assert passed == {"a|b", "c|b", "d|b"}
+    # `measured` on the exported file answers in rgb and in spectral variants.
+    answered = {line["scene"].split(" · ")[2] for line in report["lines"] if line["ways"] == "a|b"}
+    assert answered == {"llvm_ad_rgb", "llvm_ad_spectral"}
     assert all(line["why"] for line in report["lines"] if line["verdict"] == "refused")
     page = (tmp_path / "index.html").read_text()
     assert page.count("<img") > 15 and page.count("class=fail") == 0
@@ -50,6 +53,34 @@ def test_bad_usage_is_refused_in_one_line(tmp_path):
         done = compare("-o", tmp_path / "page", *args)
         assert done.returncode == 2 and message in done.stderr and done.stderr.count("\n") == 1, done.stderr
     assert not (tmp_path / "page").exists()
+
+
+def test_the_speed_script_times_both_and_refuses_in_one_line(tmp_path):
+    if LLVM_MISSING:
+        print(f"\n{LLVM_MISSING}", file=sys.__stderr__)
+        pytest.skip(LLVM_MISSING)
+    script = ROOT / "tools" / "compare" / "speed.py"
+    environment = {"NACRE_BIN": str(ROOT / "target" / "release"), **os.environ}
+    run = lambda *args: subprocess.run(  # noqa: E731
+        [sys.executable, script, *args], capture_output=True, text=True, env=environment
+    )
+    # Small pictures say nothing of the speed: only that both were rendered.
+    small = ("--size", "24", "--spp", "4", "--repeats", "2", "--variants", "llvm_ad_rgb", "--json")
+    done = run(*small)
+    assert done.returncode in (0, 3), done.stderr
+    report = json.loads(done.stdout)
+    (line,) = report["lines"]
+    assert report["schema"] == "pearl-speed/1" and (done.returncode == 0) == report["pass"] == line["pass"]
+    for way in ("matte", "pearl", "measured"):
+        assert line[way]["seconds"] > 0 and line[way]["variance"] > 0, way
+    for args, message in (
+        (["--repeats", "3"], "--repeats: 3 is odd"),
+        (["--spp", "0"], "--spp: 0 is not a count"),
+        (["--table", "/nowhere.exr"], "--table: /nowhere.exr is not a file"),
+        (["--variants", "llvm_ad_red"], "--variants: 'llvm_ad_red' is none of"),
+    ):
+        done = run(*args)
+        assert done.returncode == 2 and message in done.stderr and done.stderr.count("\n") == 1, done.stderr
 
 
 def test_pictures_that_differ_fail():

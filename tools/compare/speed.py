@@ -86,6 +86,14 @@ def race(variant, table, options, tools):
     return {"variant": variant, **found, "ratio": ratio, "pass": ratio >= ASKED}
 
 
+def show(line):
+    """Prints a line of figures."""
+    times = "   ".join(f"{way} {line[way]['seconds']:.3f} s" for way in ("matte", "pearl", "measured"))
+    noise = line["pearl"]["variance"] / line["measured"]["variance"]
+    print(f"{line['variant']:18}{times}   variance pearl/measured {noise:.3f}   "
+          f"{line['ratio']:.2f} times as fast (asked {ASKED:g})", flush=True)  # fmt: skip
+
+
 def arguments():
     parser = argparse.ArgumentParser(
         prog="speed", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -120,7 +128,11 @@ def main():
         tools = Tools(folder)
         try:
             table = options.table or tools.bake("pearl", 0.5)
-            lines = [race(variant, table, options, tools) for variant in wanted]
+            lines = []
+            for variant in wanted:
+                lines.append(race(variant, table, options, tools))
+                if not options.json:
+                    show(lines[-1])
         except ways.Refused as why:
             raise Bad(str(why)) from None
     passed = all(line["pass"] for line in lines)
@@ -128,12 +140,6 @@ def main():
               "repeats": options.repeats, "asked": ASKED, "pass": passed, "lines": lines}  # fmt: skip
     if options.json:
         print(json.dumps(report))
-    else:
-        for line in lines:
-            times = "   ".join(f"{way} {line[way]['seconds']:.3f} s" for way in ("matte", "pearl", "measured"))
-            noise = line["pearl"]["variance"] / line["measured"]["variance"]
-            print(f"{line['variant']:18}{times}   variance pearl/measured {noise:.3f}   "
-                  f"{line['ratio']:.2f} times as fast (asked {ASKED:g})")  # fmt: skip
     return 0 if passed else 3
 
 

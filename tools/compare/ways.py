@@ -94,8 +94,8 @@ class Rust:
                 "--brightness", parameters["brightness"], "--body-rgb", ",".join(map(str, parameters["body"]))]  # fmt: skip
         self.command = [tools.path("pearl"), "eval", str(table), "--input", "-", *map(str, look)]
 
-    def __call__(self, samples, wavelengths):
-        valid = np.flatnonzero(np.array(samples.valid))
+    def __call__(self, samples, wavelengths, chosen):
+        valid = np.flatnonzero(np.array(samples.valid) & chosen)
         wi, wo = (np.array(w).T[valid].astype(float).tolist() for w in (samples.wi, samples.wo))
         lines = "\n".join(f'{{"wi":{a},"wo":{b}}}' for a, b in zip(wi, wo))
         asked = ["--wavelengths-nm", ",".join(map(str, wavelengths))] if wavelengths else []

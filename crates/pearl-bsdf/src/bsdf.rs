@@ -259,7 +259,16 @@ impl PearlBsdf {
             add(&mut mirror, rehit, cos_d);
             add(&mut blur, interior, cos_d);
         });
-        let [diffuse, incoherent] = self.rgb.base_albedo(at_i, self.controls.depth);
+        let [diffuse, incoherent] = self.rgb.base_albedo(at_i);
+        [diffuse, incoherent, mirror, blur]
+    }
+
+    /// What a viewer at θ (radians, below π/2) sees of a white surrounding, component by component like
+    /// [`Self::directional_albedo`]: the integral of [`Self::eval_seen`] over the light. The lobes are the same.
+    #[must_use]
+    pub fn directional_albedo_seen(&self, theta: f64) -> [[f64; 3]; 4] {
+        let [_, _, mirror, blur] = self.directional_albedo(theta);
+        let [diffuse, incoherent] = self.rgb.base_albedo_seen(Place::of_cos(theta.cos()));
         [diffuse, incoherent, mirror, blur]
     }
 
@@ -291,14 +300,14 @@ impl PearlBsdf {
         wo: Direction,
         viewer: Viewer,
     ) -> Evaluation {
-        let Controls { depth, components, .. } = self.controls;
+        let components = self.controls.components;
         let (at_i, exit) = (geometry.at_i, Place::of_cos(wo[2]));
         let view = match viewer {
             Viewer::AtExit => exit,
             Viewer::AtIncidence => at_i,
         };
         let angles = Angles { incidence: at_i, exit, half: Place::of_cos(geometry.half.cos), view };
-        let terms = colours.terms(depth, angles, wo[2]);
+        let terms = colours.terms(angles, wo[2]);
         let shown = |show: bool, rgb: [f64; 3]| if show { rgb } else { [0.0; 3] };
         Evaluation {
             diffuse: shown(components.diffuse, terms.diffuse),
@@ -342,10 +351,11 @@ pub(crate) fn at_wavelength(nodes: &[f64], values: &[f64], nm: f64) -> f64 {
     values[lo] + share * (values[hi] - values[lo])
 }
 
-/// Whether a direction is one, and above the horizon.
+/// Whether a vector is a direction, and above the horizon. Rounding may have left its length; a tenth off is a mistake.
 #[inline]
-fn above_horizon(w: Direction) -> bool {
-    w[2] > 0.0 && w[0].is_finite() && w[1].is_finite() && w[2].is_finite()
+fn above_horizon([x, y, z]: Direction) -> bool {
+    // False for NaN and infinities.
+    z > 0.0 && (0.81..1.21).contains(&(x * x + y * y + z * z))
 }
 
 /// θ and sin θ.
@@ -494,8 +504,7 @@ fn chances(rgb: &Colours, controls: &Controls) -> Box<[[f64; 4]; NODES]> {
     let Components { diffuse, incoherent, mirror, blur } = controls.components;
     let mut chances = Box::new([[0.0; 4]; NODES]);
     for (node, chance) in chances.iter_mut().enumerate() {
-        let [a_interior, a_rehit, a_surface, a_diffuse, a_incoherent] =
-            rgb.mean_albedos(node, controls.depth);
+        let [a_interior, a_rehit, a_surface, a_diffuse, a_incoherent] = rgb.mean_albedos(node);
         let shown = |show: bool, albedo: f64| if show { albedo } else { 0.0 };
         *chance = [
             shown(blur, a_interior),

@@ -12,6 +12,9 @@ use std::f64::consts::PI;
 /// Incidences at which the half-vector angles of the lobes are tallied: every degree.
 pub(crate) const TALLIES: usize = 91;
 
+/// Below this what the lobes leave is rounding.
+const NOTHING_LEFT: f64 = 1e-12;
+
 /// Three channels over an angle.
 pub(crate) type Curves = Box<[[f64; 3]; NODES]>;
 
@@ -30,14 +33,15 @@ pub(crate) struct Colours {
     rest: Curves,
     /// tint·Ê over θo.
     illuminant: Curves,
-    /// ρ/(π(1 − A_avg)) with the base's limit.
+    /// 1/(π(1 − A_avg)).
     base: [f64; 3],
+    /// ρ.
+    body: [f64; 3],
+    depth: f64,
     /// Albedo of the first term by component, limit included: interior, surface, rehit.
     shares: [Curves; 3],
-    /// Mean of (1 − depth) + depth·Ê that the base sends out.
-    base_colour: [f64; 3],
-    /// 1 − A_avg.
-    left: [f64; 3],
+    /// Mean of ρ(1 − depth) and of ρ·depth·Ê, limit included, over what the base sends out.
+    sent: [[f64; 3]; 2],
 }
 
 /// What the three channels are.
@@ -153,35 +157,43 @@ impl Colours {
         }
         let depth = controls.depth;
         let left = [0, 1, 2].map(|c| curve::hemispherical_mean(|node| rest[node][c]));
-        let base_colour = [0, 1, 2].map(|c| {
-            // Ê and 1 − A are read linearly one by one; their product at the nodes misses the curvature of
+        let base = left.map(|left| if left > NOTHING_LEFT { 1.0 / (PI * left) } else { 0.0 });
+        let body = palette.body;
+        let mut this =
+            Self { factor, limit, rest, illuminant, base, body, depth, shares, sent: [[0.0; 3]; 2] };
+        this.sent = [0, 1].map(|part| {
+            // Colour and 1 − A are read linearly one by one; their product at the nodes misses the curvature of
             // the product only, 1e-6 of it at these steps.
-            let sent = curve::hemispherical_mean(|node| {
-                rest[node][c] * ((1.0 - depth) + depth * illuminant[node][c])
-            });
-            if left[c] > 1e-12 { sent / left[c] } else { 1.0 }
+            let sent =
+                |node: usize, c: usize| this.rest[node][c] * this.base_colour(this.illuminant[node])[part][c];
+            [0, 1, 2].map(|c| curve::hemispherical_mean(|node| sent(node, c)) / left[c].max(NOTHING_LEFT))
         });
-        let base = [0, 1, 2].map(|c| {
-            if left[c] <= 1e-12 {
-                return 0.0;
-            }
-            palette.body[c] / (PI * left[c] * (palette.body[c] * base_colour[c]).max(1.0))
-        });
-        Self { factor, limit, rest, illuminant, base, shares, base_colour, left }
+        this
+    }
+
+    /// What the base makes of the light at a viewing angle: ρ(1 − depth) and ρ·depth·Ê, lowered together where they would
+    /// send out more than they receive. By angle: what a viewer sees of a white surrounding must not exceed it either.
+    #[inline]
+    fn base_colour(&self, illuminant: [f64; 3]) -> [[f64; 3]; 2] {
+        let (mut diffuse, mut incoherent) = ([0.0; 3], [0.0; 3]);
+        for c in 0..3 {
+            let (plain, coloured) = (1.0 - self.depth, self.depth * illuminant[c]);
+            let body = self.body[c] / (self.body[c] * (plain + coloured)).max(1.0);
+            diffuse[c] = body * plain;
+            incoherent[c] = body * coloured;
+        }
+        [diffuse, incoherent]
     }
 
     /// Colours at an incidence, an exit and a half-vector angle; the base includes cos θo.
     #[inline]
-    pub(crate) fn terms(&self, depth: f64, at: Angles, cos_o: f64) -> Terms {
+    pub(crate) fn terms(&self, at: Angles, cos_o: f64) -> Terms {
         let Angles { incidence: at_i, exit: at_o, half: at_d, view } = at;
         let (rest_i, rest_o) = (at_i.read3(&self.rest), at_o.read3(&self.rest));
-        let illuminant = view.read3(&self.illuminant);
+        let colour = self.base_colour(view.read3(&self.illuminant));
         let base: [f64; 3] = std::array::from_fn(|c| self.base[c] * rest_i[c] * rest_o[c] * cos_o);
-        Terms {
-            diffuse: base.map(|b| b * (1.0 - depth)),
-            incoherent: std::array::from_fn(|c| base[c] * depth * illuminant[c]),
-            lobe: self.lobe_factor(at_i, at_d),
-        }
+        let [diffuse, incoherent] = colour.map(|part| std::array::from_fn(|c| base[c] * part[c]));
+        Terms { diffuse, incoherent, lobe: self.lobe_factor(at_i, at_d) }
     }
 
     /// Colour of the first term: multiplies the lobe.
@@ -191,26 +203,31 @@ impl Colours {
         std::array::from_fn(|c| factor[c] * limit[c])
     }
 
-    /// Directional albedo of the base: diffuse and incoherent part.
-    pub(crate) fn base_albedo(&self, at_i: Place, depth: f64) -> [[f64; 3]; 2] {
-        let rest = at_i.read3(&self.rest);
-        let base: [f64; 3] = std::array::from_fn(|c| self.base[c] * PI * rest[c] * self.left[c]);
-        [
-            base.map(|b| b * (1.0 - depth)),
-            std::array::from_fn(|c| base[c] * (self.base_colour[c] - (1.0 - depth))),
-        ]
+    /// Directional albedo of the base, viewed from the exits: diffuse and incoherent part.
+    pub(crate) fn base_albedo(&self, at_i: Place) -> [[f64; 3]; 2] {
+        self.sent_of(at_i.read3(&self.rest), self.sent)
     }
 
-    /// Directional albedo at a node, mean of the channels: interior, rehit, surface, diffuse, incoherent.
-    pub(crate) fn mean_albedos(&self, node: usize, depth: f64) -> [f64; 5] {
+    /// The same, viewed from the incidence.
+    pub(crate) fn base_albedo_seen(&self, at_i: Place) -> [[f64; 3]; 2] {
+        self.sent_of(at_i.read3(&self.rest), self.base_colour(at_i.read3(&self.illuminant)))
+    }
+
+    fn sent_of(&self, rest: [f64; 3], parts: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
+        let lit = |c: usize| if self.base[c] > 0.0 { rest[c] } else { 0.0 };
+        parts.map(|part| std::array::from_fn(|c| lit(c) * part[c]))
+    }
+
+    /// Directional albedo as seen at a node, mean of the channels: interior, rehit, surface, diffuse, incoherent.
+    pub(crate) fn mean_albedos(&self, node: usize) -> [f64; 5] {
         let mean = |rgb: [f64; 3]| rgb.iter().sum::<f64>() / 3.0;
-        let [diffuse, incoherent] = self.base_albedo(Place::of_cos(curve::cos_at(node)), depth);
+        let [diffuse, incoherent] = self.sent_of(self.rest[node], self.base_colour(self.illuminant[node]));
         [
             mean(self.shares[0][node]),
             mean(self.shares[2][node]),
             mean(self.shares[1][node]),
             mean(diffuse),
-            mean(incoherent).max(0.0),
+            mean(incoherent),
         ]
     }
 }

@@ -1,7 +1,8 @@
 //! A pearl table as a BSDF: `eval`, `pdf` and `sample` with the artist's controls.
 //!
 //! Directions are unit vectors in the local shading frame, z the outward normal, both pointing away from the
-//! surface (Mitsuba's convention). `eval` includes cos θo; where either direction is at or below the horizon it is 0.
+//! surface (Mitsuba's convention). `eval` includes cos θo; where either direction is at or below the horizon, or not of
+//! unit length, it is 0.
 //!
 //! ```text
 //! f  = brightness·lobe·[(1 − γ) + γ·M(θd)]·limit(θi)
@@ -12,8 +13,8 @@
 //! A is the directional albedo of the first term per colour channel, A_avg its cosine-weighted mean. Two limits keep
 //! the directional albedo at most 1 in every channel; both are 1 unless the light would not suffice:
 //! - `limit(θi)` = 1/A before the limit, where that A exceeds 1;
-//! - the base is divided by ρ·[(1 − depth) + depth·Ē] where that exceeds 1, Ē being the mean of Ê with the weight
-//!   (1 − A(θo))·cos θo with which the base sends it out.
+//! - the base is divided by ρ·[(1 − depth) + depth·Ê(view)] where that exceeds 1, so that neither what it sends out in all nor
+//!   what a viewer sees of a white surrounding is more than it receives.
 //!
 //! [`PearlBsdf`] is the entry. Nothing is allocated in `eval`, `pdf` and `sample`.
 

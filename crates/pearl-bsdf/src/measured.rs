@@ -14,6 +14,11 @@
 //!
 //! Read back here as Mitsuba does, so that the error of a file is known from the file.
 //!
+//! pbrt-v4 (by its source, 0205b86; not run): it wants `spectra`, so only spectral files; shapes and types are those it checks
+//! for. Its `Sample_f` reads a file as Mitsuba does, keyed by the viewing direction; its `f` keys by the light's and divides
+//! by the light's cosine all the same, which fits neither a reciprocal file nor this one: pictures that sample lights
+//! will differ there, whatever the file.
+//!
 //! wi looks at the surface and light arrives from wo: [`PearlBsdf::eval_seen`].
 
 use crate::{Direction, PearlBsdf};

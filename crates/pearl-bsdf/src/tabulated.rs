@@ -5,6 +5,10 @@
 //! distribution function is inverted exactly. Between two incidences the rows are mixed at equal position, as
 //! values are. So what is sampled differs from what is evaluated only by the change of J within a cell and
 //! between two incidences, and the pdf is exact.
+//!
+//! A density that is linear in position does not vanish with sin θo at the normal: per solid angle it would be singular
+//! there. Within a cap as narrow as a facet's tilt, where lobes do not vary much, what falls there is spread evenly over
+//! the solid angle.
 
 use crate::Direction;
 use crate::azimuth::{self, Forward};
@@ -18,8 +22,32 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// The tabulated components, in the order of every pair below.
 pub(crate) const COMPONENTS: [Component; 2] = [Component::Interior, Component::Rehit];
-/// sin θo is floored here where a density is divided by it: within 0.02″ of the pole.
-const POLE: f64 = 1e-7;
+
+/// Largest radius of the cap around the normal, radians.
+const LARGEST_CAP: f64 = 0.1;
+
+/// The cap around the normal in which the sampling density is even.
+#[derive(Clone, Copy, Debug)]
+struct Cap {
+    radius: f64,
+    sin: f64,
+    /// sin² of half the radius: half the height of the cap.
+    half_chord2: f64,
+    /// One over its solid angle.
+    density: f64,
+}
+
+impl Cap {
+    fn new(radius: f64) -> Self {
+        let half_chord2 = (0.5 * radius).sin().powi(2);
+        Self { radius, sin: radius.sin(), half_chord2, density: 0.25 / (PI * half_chord2) }
+    }
+
+    /// θo of a point of the cap, by the share of its area nearer to the normal.
+    fn theta(&self, area: f64) -> f64 {
+        2.0 * (self.half_chord2 * area).sqrt().asin()
+    }
+}
 
 /// Both lobes of a table.
 #[derive(Clone, Debug)]
@@ -36,11 +64,21 @@ pub(crate) struct Tabulated {
     sampling: [Sampling; 2],
     /// Ends of the ranges of θi that one pair of rows serves, radians: the incidences, 0 and π/2.
     spans: Vec<f64>,
-    /// Corrections of interior and rehit at equal steps of each span: smooth within it, with a kink at its ends.
-    corrections: Vec<[[f64; 2]; SPAN_STEPS + 1]>,
+    /// At equal steps of each span: smooth within it, with a kink at its ends.
+    along: Vec<[Along; SPAN_STEPS + 1]>,
+    cap: Cap,
 }
 
-/// Steps of a span at which corrections are known.
+/// What is known along θi, of interior and rehit.
+#[derive(Clone, Copy, Debug, Default)]
+struct Along {
+    /// Factor that restores the albedo.
+    correction: [f64; 2],
+    /// Share of what is sampled that falls into the cap around the normal.
+    cap: [f64; 2],
+}
+
+/// Steps of a span at which [`Along`] is known.
 const SPAN_STEPS: usize = 64;
 
 /// Piecewise-linear densities of one component, every incidence.
@@ -70,7 +108,7 @@ struct Between {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Incidence {
     between: Between,
-    correction: [f64; 2],
+    along: Along,
     columns: Warp,
     azimuth: Azimuth,
 }
@@ -87,7 +125,7 @@ enum Azimuth {
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Exit {
     Decay { forward: Cell, retro: Cell, slopes: [f64; 2], concentration: f64, sin_o: f64, y2: f64 },
-    Walk { column: Cell, row: Cell, measure: f64 },
+    Walk { column: Cell, row: Cell, measure: f64, sin_o: f64 },
 }
 
 /// sin²(φ/2), φ from the mirror direction of wi: a quarter of the squared chord between the two azimuths.
@@ -113,14 +151,7 @@ impl Tabulated {
         if theta[theta.len() - 1] < FRAC_PI_2 {
             spans.push(FRAC_PI_2);
         }
-        let correction = |ends: &[f64], step: usize| {
-            let fraction = step as f64 / SPAN_STEPS as f64;
-            let row = lobe.row(ends[0] + fraction * (ends[1] - ends[0]));
-            COMPONENTS.map(|component| row.correction(component))
-        };
-        let corrections =
-            spans.windows(2).map(|ends| std::array::from_fn(|step| correction(ends, step))).collect();
-        Self {
+        let mut this = Self {
             axis,
             theta,
             width,
@@ -128,9 +159,59 @@ impl Tabulated {
             rows: axis.rows_per_incidence(),
             values,
             sampling,
-            spans,
-            corrections,
-        }
+            spans: Vec::new(),
+            along: Vec::new(),
+            cap: Cap::new(axis.width().min(LARGEST_CAP)),
+        };
+        let at = |theta_i: f64| {
+            let row = lobe.row(theta_i);
+            Along {
+                correction: COMPONENTS.map(|component| row.correction(component)),
+                cap: this.cap_shares(theta_i),
+            }
+        };
+        let step =
+            |ends: &[f64], step: usize| at(ends[0] + step as f64 / SPAN_STEPS as f64 * (ends[1] - ends[0]));
+        let along = spans.windows(2).map(|ends| std::array::from_fn(|k| step(ends, k))).collect();
+        this.along = along;
+        this.spans = spans;
+        this
+    }
+
+    /// Share of what is sampled at θi that falls into the cap around the normal.
+    fn cap_shares(&self, theta_i: f64) -> [f64; 2] {
+        let between = self.between(theta_i);
+        let columns = Warp::new(&self.axis.columns_at(theta_i));
+        let position = |s: f64| columns.position_and_slope(s).0;
+        let from = if self.signed() { position(-self.cap.radius) } else { 0.0 };
+        let to = position(self.cap.radius);
+        [0, 1].map(|component| {
+            let sampling = &self.sampling[component];
+            let inside = |node: usize| -> f64 {
+                let rows = (0..self.rows).map(|row| {
+                    let cells = self.cells(node, row);
+                    let up_to =
+                        |x: f64| cumulated(&sampling.u[cells.clone()], &sampling.cdf[cells.clone()], x);
+                    up_to(to) - up_to(from)
+                });
+                rows.sum()
+            };
+            let total = sampling.mixed_total(between);
+            let mixed =
+                (1.0 - between.fraction) * inside(between.node) + between.fraction * inside(between.next);
+            if total > 0.0 { (mixed / total).clamp(0.0, 1.0) } else { 0.0 }
+        })
+    }
+
+    /// Whether columns run over signed exit angles (decay tables).
+    const fn signed(&self) -> bool {
+        matches!(self.axis, ExitAxis::Plane { .. })
+    }
+
+    /// The cells of a row.
+    const fn cells(&self, node: usize, row: usize) -> std::ops::Range<usize> {
+        let start = (node * self.rows + row) * self.columns;
+        start..start + self.columns
     }
 
     /// The table at θi, radians.
@@ -146,19 +227,21 @@ impl Tabulated {
                 Azimuth::Decay { concentration: sin_i / (width * width) }
             }
         };
-        Incidence { between, correction: self.correction(theta_i, between), columns, azimuth }
+        Incidence { between, along: self.along(theta_i, between), columns, azimuth }
     }
 
     #[inline]
-    fn correction(&self, theta_i: f64, between: Between) -> [f64; 2] {
+    fn along(&self, theta_i: f64, between: Between) -> Along {
         // The first span ends at the first incidence unless that is 0.
         let before = usize::from(self.theta[0] > 0.0 && theta_i >= self.theta[0]);
-        let span = (between.node + before).min(self.corrections.len() - 1);
+        let span = (between.node + before).min(self.along.len() - 1);
         let (from, to) = (self.spans[span], self.spans[span + 1]);
         let step = ((theta_i - from) / (to - from)).clamp(0.0, 1.0) * SPAN_STEPS as f64;
         let index = (step as usize).min(SPAN_STEPS - 1);
-        let (a, b) = (self.corrections[span][index], self.corrections[span][index + 1]);
-        [0, 1].map(|c| a[c] + (step - index as f64) * (b[c] - a[c]))
+        let (a, b) = (&self.along[span][index], &self.along[span][index + 1]);
+        let t = step - index as f64;
+        let mix = |a: [f64; 2], b: [f64; 2]| [0, 1].map(|c| a[c] + t * (b[c] - a[c]));
+        Along { correction: mix(a.correction, b.correction), cap: mix(a.cap, b.cap) }
     }
 
     /// The exit cells.
@@ -211,6 +294,7 @@ impl Tabulated {
                     column: Cell::new(column, self.columns),
                     row: Cell::new(row, self.rows),
                     measure: slope * phi_slope * sin_o,
+                    sin_o,
                 }
             }
         }
@@ -231,7 +315,7 @@ impl Tabulated {
                 [0, 1].map(|c| near[c] + row.fraction * (far[c] - near[c]))
             }
         };
-        [0, 1].map(|c| at.correction[c] * values[c])
+        [0, 1].map(|c| at.along.correction[c] * values[c])
     }
 
     #[inline]
@@ -256,18 +340,22 @@ impl Tabulated {
         if total <= 0.0 {
             return 0.0;
         }
+        let (Exit::Decay { sin_o, .. } | Exit::Walk { sin_o, .. }) = exit;
+        if *sin_o < self.cap.sin {
+            return at.along.cap[component] * self.cap.density;
+        }
         match exit {
             Exit::Decay { forward, retro, slopes, concentration, sin_o, y2 } => {
                 let ahead = self.density(sampling, at.between, 0, *forward) / slopes[0];
                 let back = self.density(sampling, at.between, 0, *retro) / slopes[1];
                 let around = Forward::new(*concentration).pdf(*y2);
-                (ahead * around + back / TAU) / (total * sin_o.max(POLE))
+                (ahead * around + back / TAU) / (total * sin_o)
             }
-            Exit::Walk { column, row, measure } => {
+            Exit::Walk { column, row, measure, .. } => {
                 let near = self.density(sampling, at.between, row.index, *column);
                 let far = self.density(sampling, at.between, row.index + 1, *column);
                 // Half of it on either side of the plane of incidence.
-                0.5 * (near + row.fraction * (far - near)) / (total * measure.max(POLE * POLE))
+                0.5 * (near + row.fraction * (far - near)) / (total * measure)
             }
         }
     }
@@ -302,6 +390,10 @@ impl Tabulated {
             Azimuth::Decay { concentration } => {
                 let position = self.invert_row(sampling, node, 0, u);
                 let s = at.columns.at(position).clamp(-FRAC_PI_2, FRAC_PI_2);
+                if s.abs() < self.cap.radius {
+                    // Neither the number that chose the row nor v has said anything yet.
+                    return Some((self.cap.theta(select), PI * (2.0 * v - 1.0)));
+                }
                 let phi = if s >= 0.0 {
                     Forward::new(concentration * s.sin()).sample(v)
                 } else {
@@ -317,16 +409,22 @@ impl Tabulated {
                 let row = Cell::new(position, self.rows);
                 let (near, far) =
                     ((1.0 - row.fraction) * totals[row.index], row.fraction * totals[row.index + 1]);
-                let (row, _) = split(select, near / (near + far), row.index, row.index + 1);
+                let (row, select) = split(select, near / (near + far), row.index, row.index + 1);
                 let theta_o = at.columns.at(self.invert_row(sampling, node, row, u)).clamp(0.0, FRAC_PI_2);
+                if theta_o < self.cap.radius {
+                    let cells = self.cells(node, row);
+                    let (density, cdf) = (&sampling.u[cells.clone()], &sampling.cdf[cells]);
+                    let edge = at.columns.position_and_slope(self.cap.radius).0;
+                    let within = cumulated(density, cdf, edge) / total(density, cdf);
+                    return Some((self.cap.theta((u / within).min(1.0)), PI * (2.0 * select - 1.0)));
+                }
                 Some((theta_o, sign * phi.at(position).min(PI)))
             }
         }
     }
 
     fn invert_row(&self, sampling: &Sampling, node: usize, row: usize, u: f64) -> f64 {
-        let start = (node * self.rows + row) * self.columns;
-        let cells = start..start + self.columns;
+        let cells = self.cells(node, row);
         invert(&sampling.u[cells.clone()], &sampling.cdf[cells], u)
     }
 }
@@ -344,8 +442,7 @@ fn split(u: f64, first: f64, a: usize, b: usize) -> (usize, f64) {
 #[inline]
 fn invert(density: &[f64], cdf: &[f64], share: f64) -> f64 {
     let last = density.len() - 1;
-    let total = cdf[last] + 0.5 * density[last];
-    let target = share * total;
+    let target = share * total(density, cdf);
     let above = cdf.partition_point(|c| *c <= target);
     if above == 0 {
         return 0.5 * target / cdf[0];
@@ -360,6 +457,25 @@ fn invert(density: &[f64], cdf: &[f64], share: f64) -> f64 {
     let root = (a * a + 2.0 * (b - a) * rest).max(0.0).sqrt();
     let t = if a + root > 0.0 { (2.0 * rest / (a + root)).min(1.0) } else { 0.0 };
     k as f64 + 0.5 + t
+}
+
+/// Integral of such a density over all positions.
+#[inline]
+fn total(density: &[f64], cdf: &[f64]) -> f64 {
+    cdf[cdf.len() - 1] + 0.5 * density[density.len() - 1]
+}
+
+/// Integral of such a density up to a position.
+fn cumulated(density: &[f64], cdf: &[f64], position: f64) -> f64 {
+    let last = density.len() - 1;
+    let from_first = position - 0.5;
+    if from_first <= 0.0 {
+        return position.max(0.0) * density[0];
+    }
+    let k = (from_first as usize).min(last);
+    let t = from_first - k as f64;
+    let next = density[(k + 1).min(last)];
+    cdf[k] + t * (density[k] + 0.5 * t * (next - density[k]))
 }
 
 /// Integral up to each centre.

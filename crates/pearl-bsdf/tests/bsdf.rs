@@ -82,18 +82,56 @@ fn random_controls(random: &mut StdRng) -> Controls {
 fn no_channel_reflects_more_than_it_receives_whatever_the_controls() {
     let mut random = StdRng::seed_from_u64(11);
     for table in tables().map(with_spectra) {
-        for _ in 0..12 {
-            let controls = random_controls(&mut random);
+        for round in 0..12 {
+            let mut controls = random_controls(&mut random);
+            if round % 3 == 0 {
+                // Where limits bite.
+                (controls.body_rgb, controls.depth) = ([1.0; 3], 1.0);
+            }
             let bsdf = bsdf(&table, controls);
             for _ in 0..6 {
                 let theta = FRAC_PI_2 * random.random::<f64>().powf(0.5);
-                let parts = bsdf.directional_albedo(theta);
-                for c in 0..3 {
-                    let albedo: f64 = parts.iter().map(|rgb| rgb[c]).sum();
-                    // The bound of the interface: 1 + 1e-4.
-                    assert!(albedo <= 1.0 + 1e-4, "{controls:?} {theta}: {albedo}");
+                for parts in [bsdf.directional_albedo(theta), bsdf.directional_albedo_seen(theta)] {
+                    for c in 0..3 {
+                        let albedo: f64 = parts.iter().map(|rgb| rgb[c]).sum();
+                        // The bound of the interface: 1 + 1e-4.
+                        assert!(albedo <= 1.0 + 1e-4, "{controls:?} {theta}: {albedo}");
+                    }
                 }
             }
+        }
+    }
+}
+
+/// What a viewer sees of a white surrounding, against the mean of eval_seen/pdf over samples: 5 standard errors.
+#[test]
+fn the_albedo_as_seen_is_what_samples_find() {
+    let mut random = StdRng::seed_from_u64(15);
+    let table = with_spectra(specimen::plane(&incidences(), 96));
+    // Ê reaches 2 here: a white body has to be limited.
+    let bright = Controls { depth: 1.0, coherence: 0.3, body_rgb: [1.0, 0.9, 0.4], ..Controls::default() };
+    let bsdf = bsdf(&table, bright);
+    for degrees in [0.0, 20.0, 40.0, 60.0, 77.0f64] {
+        let wi = direction(degrees.to_radians(), 0.4);
+        let n = 60_000;
+        let (mut sum, mut square) = ([0.0; 3], [0.0; 3]);
+        for _ in 0..n {
+            let Some(sample) = bsdf.sample(wi, random.random(), random.random(), random.random()) else {
+                continue;
+            };
+            let rgb = bsdf.eval_seen(wi, sample.wo).rgb();
+            for c in 0..3 {
+                sum[c] += rgb[c] / sample.pdf;
+                square[c] += (rgb[c] / sample.pdf).powi(2);
+            }
+        }
+        let stated = bsdf.directional_albedo_seen(degrees.to_radians());
+        for c in 0..3 {
+            let mean = sum[c] / f64::from(n);
+            let error = ((square[c] / f64::from(n) - mean * mean) / f64::from(n)).sqrt();
+            let stated: f64 = stated.iter().map(|rgb| rgb[c]).sum();
+            assert!((mean - stated).abs() < 5.0 * error + 2e-4, "{degrees} {c}: {mean} ± {error}, {stated}");
+            assert!(stated <= 1.0 + 1e-4, "{degrees} {c}: {stated}");
         }
     }
 }
@@ -351,6 +389,14 @@ fn nothing_is_nan_at_poles_horizons_and_ends_of_the_unit_interval() {
         [0.0, 1.0, tiny],
         [0.6, 0.0, 0.8],
         [-0.6, 0.0, 0.8],
+        // Not of unit length, or not directions at all.
+        [0.0, 0.0, 2.0],
+        [3.0, -4.0, 5.0],
+        [1e300, 1e300, 1e300],
+        [tiny, tiny, tiny],
+        [0.0, 0.0, tiny],
+        [0.3, f64::NAN, 0.5],
+        [f64::NEG_INFINITY, 0.0, 0.1],
         [f64::NAN, 0.0, 1.0],
         [0.0, 0.0, f64::INFINITY],
     ];
@@ -367,7 +413,8 @@ fn nothing_is_nan_at_poles_horizons_and_ends_of_the_unit_interval() {
                     for x in value.parts().iter().flatten() {
                         assert!(x.is_finite() && *x >= 0.0, "{wi:?} {wo:?}: {value:?}");
                     }
-                    if !(wi[2] > 0.0 && wo[2] > 0.0) {
+                    let unit = |w: &Direction| (w.iter().map(|x| x * x).sum::<f64>() - 1.0).abs() < 1e-9;
+                    if !(wi[2] > 0.0 && wo[2] > 0.0 && unit(wi) && unit(wo)) {
                         assert_eq!((value.rgb(), pdf), ([0.0; 3], 0.0));
                     }
                     assert!(bsdf.eval_at(*wi, *wo, 555.0).iter().all(|x| x.is_finite()));

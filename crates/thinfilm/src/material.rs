@@ -6,8 +6,9 @@ use serde::{Deserialize, Serialize};
 /// Real refractive index as a function of the vacuum wavelength.
 ///
 /// In JSON: a number, `{"cauchy": [A, B, C, …]}` (B in µm², C in µm⁴ …),
-/// `{"sellmeier": {"b": […], "c_um2": […]}}` or `{"table": [[nm, n, k], …]}` (linear interpolation, k
-/// from the table is added to the medium's own `k`).
+/// `{"sellmeier": {"b": […], "c_um2": […]}}`, `{"table": [[nm, n, k], …]}` (linear interpolation, k
+/// from the table is added to the medium's own `k`) or `{"material": "silver"}`, a name from [`crate::library`], which is read as the
+/// numbers that stand there (and written as them).
 #[derive(Clone, Debug, PartialEq)]
 pub enum Dispersion {
     /// One index for every wavelength.
@@ -180,7 +181,7 @@ struct SellmeierJson {
 impl<'de> Deserialize<'de> for Dispersion {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         use serde::de::Error as _;
-        const FORMS: &str = "a number, {\"cauchy\": [A, B, ...]}, {\"sellmeier\": {\"b\": [...], \"c_um2\": [...]}} or {\"table\": [[nm, n, k], ...]}";
+        const FORMS: &str = "a number, {\"cauchy\": [A, B, ...]}, {\"sellmeier\": {\"b\": [...], \"c_um2\": [...]}}, {\"table\": [[nm, n, k], ...]} or {\"material\": NAME}";
         let value = serde_json::Value::deserialize(deserializer)?;
         let wrong = || D::Error::custom(format!("{value} is not an index; expected {FORMS}"));
         let dispersion = match &value {
@@ -195,6 +196,7 @@ impl<'de> Deserialize<'de> for Dispersion {
                         Self::Sellmeier { b, c_um2 }
                     }
                     "table" => Self::Table(Vec::deserialize(inner).map_err(|_| wrong())?),
+                    "material" => named(inner).map_err(D::Error::custom)?,
                     _ => return Err(wrong()),
                 }
             }
@@ -203,6 +205,15 @@ impl<'de> Deserialize<'de> for Dispersion {
         dispersion.check().map_err(D::Error::custom)?;
         Ok(dispersion)
     }
+}
+
+fn named(name: &serde_json::Value) -> Result<Dispersion, String> {
+    let entries = crate::library::entries();
+    let found = entries.iter().find(|entry| name.as_str() == Some(entry.name.as_str()));
+    found.map(|entry| entry.n.clone()).ok_or_else(|| {
+        let names: Vec<&str> = entries.iter().map(|entry| entry.name.as_str()).collect();
+        format!("{name} is not a material of the library; expected one of {}", names.join(", "))
+    })
 }
 
 impl Serialize for Dispersion {
@@ -225,8 +236,9 @@ impl schemars::JsonSchema for Dispersion {
 
     fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
         let numbers = serde_json::json!({ "type": "array", "items": { "type": "number" }, "minItems": 1 });
+        let names: Vec<&str> = crate::library::entries().iter().map(|entry| entry.name.as_str()).collect();
         schemars::json_schema!({
-            "description": "Real refractive index: a number, Cauchy or Sellmeier coefficients (wavelength in micrometres), or rows [nm, n, k].",
+            "description": "Real refractive index: a number, Cauchy or Sellmeier coefficients (wavelength in micrometres), rows [nm, n, k], or the name of a library material (`thinfilm materials` lists them).",
             "oneOf": [
                 { "type": "number", "exclusiveMinimum": 0 },
                 { "type": "object", "additionalProperties": false, "required": ["cauchy"],
@@ -236,7 +248,9 @@ impl schemars::JsonSchema for Dispersion {
                     "required": ["b", "c_um2"], "properties": { "b": numbers, "c_um2": numbers } } } },
                 { "type": "object", "additionalProperties": false, "required": ["table"],
                   "properties": { "table": { "type": "array", "minItems": 1, "items":
-                    { "type": "array", "items": { "type": "number" }, "minItems": 3, "maxItems": 3 } } } }
+                    { "type": "array", "items": { "type": "number" }, "minItems": 3, "maxItems": 3 } } } },
+                { "type": "object", "additionalProperties": false, "required": ["material"],
+                  "properties": { "material": { "enum": names } } }
             ]
         })
     }
@@ -275,6 +289,21 @@ mod tests {
     }
 
     #[test]
+    fn a_name_is_the_numbers_of_the_library() {
+        let named: Dispersion = serde_json::from_str(r#"{"material": "silver"}"#).unwrap();
+        // Johnson and Christy's silver at 520.9 nm.
+        assert_eq!(named.at(520.9e-9).unwrap(), (0.05, 3.324));
+        let written = serde_json::to_string(&named).unwrap();
+        assert_eq!(serde_json::from_str::<Dispersion>(&written).unwrap(), named);
+        let error =
+            serde_json::from_str::<Dispersion>(r#"{"material": "unobtainium"}"#).unwrap_err().to_string();
+        assert!(
+            error.contains("unobtainium") && error.contains("conchiolin") && !error.contains('\n'),
+            "{error}"
+        );
+    }
+
+    #[test]
     fn nonsense_is_refused_with_what_would_be_right() {
         for text in [
             "0",
@@ -282,6 +311,7 @@ mod tests {
             "\"1.5\"",
             "{\"cauchy\":[]}",
             "{\"cauchi\":[1]}",
+            "{\"material\":3}",
             "{\"table\":[[500,1.5,0],[400,1.5,0]]}",
         ] {
             let error = serde_json::from_str::<Dispersion>(text).unwrap_err().to_string();

@@ -186,12 +186,10 @@ pub(crate) struct InPlaneWave {
 
 #[derive(Clone, Copy, Debug)]
 enum InPlaneKind {
-    /// N₀² cos²θ and kₓ.
-    Angle {
-        cos2: Complex64,
-        kx: Complex64,
-    },
-    InPlane(f64),
+    /// N₀² cos²θ and kₓ, beyond 45°: kz loses no digits towards grazing incidence.
+    Shallow { cos2: Complex64, kx: Complex64 },
+    /// kₓ, up to 45°: kz loses none where |N| is small.
+    Steep { kx: Complex64 },
 }
 
 impl InPlaneWave {
@@ -201,14 +199,19 @@ impl InPlaneWave {
                 if !(0.0..=std::f64::consts::FRAC_PI_2).contains(&theta) {
                     return Err(WaveError::Angle { theta_deg: theta.to_degrees() });
                 }
-                let q = ambient * theta.cos();
-                InPlaneKind::Angle { cos2: q * q, kx: ambient * theta.sin() }
+                let kx = ambient * theta.sin();
+                if theta <= std::f64::consts::FRAC_PI_4 {
+                    InPlaneKind::Steep { kx }
+                } else {
+                    let q = ambient * theta.cos();
+                    InPlaneKind::Shallow { cos2: q * q, kx }
+                }
             }
             Incidence::InPlane(kx) => {
                 if !(0.0..=ambient.re).contains(&kx) {
                     return Err(WaveError::InPlane { kx, ambient: ambient.re });
                 }
-                InPlaneKind::InPlane(kx)
+                InPlaneKind::Steep { kx: Complex64::new(kx, 0.0) }
             }
         };
         Ok(Self { ambient, kind })
@@ -217,16 +220,15 @@ impl InPlaneWave {
     /// kₓ/k₀.
     pub(crate) fn kx(&self) -> Complex64 {
         match self.kind {
-            InPlaneKind::Angle { kx, .. } => kx,
-            InPlaneKind::InPlane(kx) => Complex64::new(kx, 0.0),
+            InPlaneKind::Shallow { kx, .. } | InPlaneKind::Steep { kx } => kx,
         }
     }
 
     /// (kz/k₀)² in a medium.
     pub(crate) fn kz2(&self, index: Complex64) -> Complex64 {
         match self.kind {
-            InPlaneKind::Angle { cos2, .. } => (index - self.ambient) * (index + self.ambient) + cos2,
-            InPlaneKind::InPlane(kx) => (index - kx) * (index + kx),
+            InPlaneKind::Shallow { cos2, .. } => (index - self.ambient) * (index + self.ambient) + cos2,
+            InPlaneKind::Steep { kx } => (index - kx) * (index + kx),
         }
     }
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Draws the pictures of docs/GALLERY.md and docs/PLUGIN.md: gallery.py TABLE -o docs/images [--spp N]
 
-TABLE has the colours of interference: `bake-brdf --solver doubling --accuracy 0.1 -o TABLE` bakes the paper's pearl so.
+TABLE has the colours of interference; docs/GALLERY.md says which recipe each picture shows.
 Needs a Mitsuba variant that runs here: llvm_ad_rgb, else scalar_rgb.
 """
 
@@ -55,7 +55,7 @@ def main():
     parser.add_argument("-o", "--output", type=pathlib.Path, required=True)
     parser.add_argument("--spp", type=int, default=256)
     parser.add_argument("--variant", default="llvm_ad_rgb")
-    parser.add_argument("--only", help="comma-separated names: components, figures, plugin, sweep-NAME")
+    parser.add_argument("--only", help="comma-separated names: components, sphere, sheet, plugin, sweep-NAME")
     options = parser.parse_args()
     mi.set_variant(options.variant)
     options.output.mkdir(parents=True, exist_ok=True)
@@ -67,10 +67,12 @@ def main():
         rich = {"depth": 0.7, "coherence": 0.7}
         names = ("diffuse", "incoherent", "mirror", "blur", "all")
         save(options.output, "gallery-components", [ball(components=name, **rich) for name in names])
-    if wanted("figures"):
-        sheet = lambda **p: pearls.render(pearls.sheet(pearl(options.table, **p)), options.spp, size=384)  # noqa: E731
-        look = {"depth": 0.7, "coherence": 0.7}
-        save(options.output, "gallery-figures", [ball(size=384, **look), sheet(**look)])
+    if wanted("sphere"):
+        save(options.output, "gallery-sphere", [ball(size=384, depth=0.7, coherence=0.7)])
+    if wanted("sheet"):
+        # On a darker body, so that the lobes show, as in the shells that such sheets are cut from.
+        bsdf = pearl(options.table, depth=0.7, coherence=0.9, body_color=[0.35, 0.34, 0.33])
+        save(options.output, "gallery-sheet", [pearls.render(pearls.sheet(bsdf), options.spp, size=512)])
     if wanted("plugin"):
         save(options.output, "plugin", [ball(size=320), ball(size=320, coherence=1.0, depth=1.0, body_color=[0.05] * 3)])
     if wanted("sweep-light"):
@@ -83,6 +85,8 @@ def main():
     for name, values in SWEEPS.items():
         if wanted(f"sweep-{name}"):
             base = {"depth": 0.6, "coherence": 0.6}
+            if name == "depth":
+                base["brightness"] = 0.3  # it is the body's light that changes
             save(options.output, f"gallery-{name}", [ball(**{**base, name: value}) for value in values])
 
 

@@ -57,7 +57,7 @@ def sphere(bsdf):
 def sheet(bsdf, n=200):
     """A sheet with folds, seen obliquely: normals from all over the visible hemisphere."""
     x, y = np.meshgrid(np.linspace(-0.95, 0.95, n), np.linspace(-0.85, 0.85, n), indexing="ij")
-    height = 0.22 * np.sin(2.6 * x + 0.8 * np.sin(2.1 * y)) + 0.12 * np.cos(3.4 * y - 1.3 * x)
+    height = 0.16 * np.sin(4.6 * x + 0.9 * np.sin(2.4 * y)) + 0.1 * np.cos(4.2 * y - 1.6 * x)
     points = np.stack([x, y, height - 0.1 + 0.3 * y], axis=-1).reshape(-1, 3)
     corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     faces = np.concatenate([

@@ -303,7 +303,8 @@ def _pearl(base):
             lobe = interior * show_blur + mirror * show_mirror
             # The one of the two directions that looks at the surface gives the illuminant's hue.
             view = 0 if ctx.mode == mi.TransportMode.Radiance else 1
-            light = Light(lobe, pair.exit.cos, (1.0 - self.used_depth) * diffuse, self.used_depth * incoherent)
+            depth = self.used_depth
+            light = Light(lobe, pair.exit.cos, depth, (1.0 - depth) * diffuse, depth * incoherent)
             wavelengths = si.wavelengths if self.types.spectral else None
             values = self.colours.shade(light, places, view, self.body.eval(si, active), wavelengths, active)
             return self.types.UnpolarizedSpectrum(*values)

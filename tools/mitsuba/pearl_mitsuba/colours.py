@@ -99,9 +99,8 @@ class Derived:
     rest: object
     #: tint·Ê.
     illuminant: object
-    #: Per channel: 1 − A_avg, and the mean of (1 − depth) + depth·tint·Ê that the base sends out.
+    #: Per channel: 1 − A_avg.
     left: object
-    base_colour: object
 
 
 class Deriver:
@@ -129,10 +128,7 @@ class Deriver:
         rest = ops.maximum(1.0 - albedo * limit, 0.0)
         illuminant = tint * self.illuminant
         left = ops.block_sum(self.hemispherical * rest, n)
-        sent = ops.block_sum(self.hemispherical * rest * ((1.0 - depth) + depth * illuminant), n)
-        lit = left > _NOTHING_LEFT
-        base_colour = ops.select(lit, sent / ops.select(lit, left, 1.0), 1.0)
-        return Derived(factor, limit, rest, illuminant, left, base_colour)
+        return Derived(factor, limit, rest, illuminant, left)
 
 
 def chances(palette, controls, body, shown):
@@ -148,10 +144,11 @@ def chances(palette, controls, body, shown):
     lobes = brightness * ((1.0 - coherence) * palette.plain[:, None] + coherence * coloured)
     interior, surface, rehit = (np.maximum(lobes, 0.0) * by_channel(derived.limit)).mean(axis=1)
     lit = derived.left > _NOTHING_LEFT
-    base = np.where(lit, body / np.maximum(body * derived.base_colour, 1.0), 0.0)
-    base = base[:, None] * by_channel(derived.rest)
+    # As a viewer sees it, with the limit of `_shade`.
+    body, coloured = np.where(lit, body, 0.0)[:, None], depth * by_channel(derived.illuminant)
+    base = body / np.maximum(body * ((1.0 - depth) + coloured), 1.0) * by_channel(derived.rest)
     diffuse = (base * (1.0 - depth)).mean(axis=0)
-    incoherent = np.maximum((base * (derived.base_colour[:, None] - (1.0 - depth))).mean(axis=0), 0.0)
+    incoherent = (base * coloured).mean(axis=0)
     show_diffuse, show_incoherent, show_mirror, show_blur = shown
     chance = np.stack(
         [

@@ -17,27 +17,27 @@ _NODES = np.arange(curves.NODES)
 
 @dataclass
 class Light:
-    """What is reflected, short of all colour: the lobes, cos θo for the base, and the shares of the base's two parts."""
+    """What is reflected, short of all colour: the lobes, cos θo for the base, its depth, and what is shown of its parts."""
 
     lobe: object
     cos_o: object
+    depth: object
     diffuse: object
     incoherent: object
 
-    def coloured(self, body, base, rest_i, rest_o, limit, factor, illuminant):
-        """f·cos θo in one channel; base: scale and colour of its light (`_base`)."""
-        scale, colour = base
-        matte = body * scale / dr.maximum(body * colour, 1.0) * rest_i * rest_o * self.cos_o
+    def coloured(self, body, scale, rest_i, rest_o, limit, factor, illuminant):
+        """f·cos θo in one channel; scale: that of the base (`_base`)."""
+        # At no viewing angle does the base send out more than it receives.
+        sent = body * dr.fma(self.depth, illuminant - 1.0, 1.0)
+        matte = body * scale / dr.maximum(sent, 1.0) * rest_i * rest_o * self.cos_o
         return self.lobe * factor * limit + matte * (self.diffuse + self.incoherent * illuminant)
 
 
 def _base(types, derived):
-    """Per channel 1/(π(1 − A_avg)), 0 where nothing is left for the base, and the colour that the base sends out."""
+    """Per channel 1/(π(1 − A_avg)), 0 where nothing is left for the base."""
     if types.jit:
-        scale = dr.select(derived.left > 1e-12, 1.0 / (_PI * dr.maximum(derived.left, 1e-12)), 0.0)
-        return dr.concat([scale, derived.base_colour])
-    scale = np.where(derived.left > 1e-12, 1.0 / (_PI * np.maximum(derived.left, 1e-12)), 0.0)
-    return np.concatenate([scale, derived.base_colour])
+        return dr.select(derived.left > 1e-12, 1.0 / (_PI * dr.maximum(derived.left, 1e-12)), 0.0)
+    return np.where(derived.left > 1e-12, 1.0 / (_PI * np.maximum(derived.left, 1e-12)), 0.0)
 
 
 class Channels:
@@ -54,20 +54,20 @@ class Channels:
         self.rest, self.limit, self.factor, self.illuminant = map(
             store, (derived.rest, derived.limit, derived.factor, derived.illuminant)
         )
-        self.base = types.rearranged(_base(types, derived), np.stack([channel, channel + self.count]), width)
+        self.base = types.rearranged(_base(types, derived), channel[None], width)
 
     def shade(self, light, places, view, body, wavelengths, active):
         """Values of all channels. places: of θi, θo and θd; view: which of them looks at the surface."""
         at_i, at_o, at_d = places
         read = lambda store, place: store.between(*place, active)  # noqa: E731
-        scale, colour = (self.base.read(self.types.UInt32(k), active) for k in (0, 1))
+        scale = self.base.read(self.types.UInt32(0), active)
         records = (
             read(self.rest, at_i), read(self.rest, at_o), read(self.limit, at_i), read(self.factor, at_d),
             read(self.illuminant, places[view]),
         )  # fmt: skip
         asked = range(self.count) if wavelengths is None else [0] * len(wavelengths)
         return [
-            light.coloured(body[k], (scale[c], colour[c]), *(record[c] for record in records)) for k, c in enumerate(asked)
+            light.coloured(body[k], scale[c], *(record[c] for record in records)) for k, c in enumerate(asked)
         ]
 
 
@@ -86,8 +86,7 @@ class Bands:
             store, (derived.rest, derived.limit, derived.factor, derived.illuminant)
         )
         low = np.arange(self.last)[:, None]
-        count = self.last + 1
-        self.base = types.rearranged(_base(types, derived), low + np.array([0, count, 1, count + 1]), 4)
+        self.base = types.rearranged(_base(types, derived), low + np.array([0, 1]), 2)
 
     def shade(self, light, places, view, body, wavelengths, active):
         """Values at the wavelengths. places: of θi, θo and θd; view: which of them looks at the surface."""
@@ -103,13 +102,12 @@ class Bands:
             return dr.fma(fraction, b - a, a), dr.fma(fraction, d - c, c)
 
         at_i, at_o, at_d = places
-        scale, colour, scale_above, colour_above = self.base.read(band, active)
+        scales = self.base.read(band, active)
         records = (
             read(self.rest, at_i), read(self.rest, at_o), read(self.limit, at_i), read(self.factor, at_d),
             read(self.illuminant, places[view]),
         )  # fmt: skip
         below, above = (
-            light.coloured(body, base, *(record[k] for record in records))
-            for k, base in enumerate([(scale, colour), (scale_above, colour_above)])
+            light.coloured(body, scale, *(record[k] for record in records)) for k, scale in enumerate(scales)
         )
         return dr.fma(x - self.types.Float(band), above - below, below)

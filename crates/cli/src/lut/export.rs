@@ -18,7 +18,7 @@ const COMPARED: usize = 37;
 pub(crate) struct ExportArgs {
     #[command(flatten)]
     file: super::FileArg,
-    /// Format: bsdf-rgb and bsdf-spectral for Mitsuba's `measured` and pbrt-v4, merl for the MERL database's readers.
+    /// Format: bsdf-rgb and bsdf-spectral for Mitsuba's `measured` (pbrt-v4 reads the spectral one only), merl for the MERL database's readers.
     #[arg(long, value_enum, value_name = "FORMAT")]
     to: Format,
     /// File to write.

@@ -2,6 +2,7 @@
 
 mod colour;
 mod input;
+mod materials;
 mod spectrum;
 mod swatch;
 mod verify;
@@ -40,6 +41,8 @@ enum Command {
         /// Cases with answers to many digits.
         cases: PathBuf,
     },
+    /// List the optical constants that a recipe can name as {"material": NAME}, with their sources.
+    Materials,
     /// Print a shell completion script.
     Completions {
         /// bash, elvish, fish, powershell or zsh.
@@ -60,6 +63,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Colour(args) => colour::colours(args, json, quiet),
         Command::Swatch(args) => swatch::swatch(args, quiet),
         Command::Verify { cases } => verify::verify(cases, json),
+        Command::Materials => materials::materials(json),
         Command::Completions { shell } => terminal::completions::<Cli>(*shell),
         Command::Man => terminal::manual::<Cli>(),
     })

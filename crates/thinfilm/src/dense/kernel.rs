@@ -1,6 +1,12 @@
 //! The two inner loops: layers without loss as real rotations, all others as complex amplitudes.
+//!
+//! No adaptors and closures round the arithmetic of lanes: those are not sure to be inlined into the function that is compiled for the
+//! processor's instruction set, and then every `mul_add` is a call.
 
-use super::lanes::{Lanes, cos_sin_half_turns, cos_sin_turns, exp2_neg};
+use super::lanes::{
+    FEW_HALF_TURNS, Lanes, cos_sin_turns, exp2_neg, shears_of_few_half_turns, shears_of_half_turns,
+};
+use super::levels::{Level, at_each_level};
 
 /// A layer of a stack, as the loops read it.
 #[derive(Clone, Copy, Debug)]
@@ -56,10 +62,12 @@ impl Kinds {
 pub(super) struct LosslessMedium {
     /// Half turns of phase per metre, k₀ kz/π.
     pub(super) half_turns: Lanes,
+    /// The largest of them.
+    pub(super) most_half_turns: f64,
     /// q_ref/q.
     pub(super) up: [Lanes; 2],
-    /// −q/q_ref.
-    pub(super) minus_down: [Lanes; 2],
+    /// q/q_ref.
+    pub(super) down: [Lanes; 2],
     /// Weight of a layer's stored energy in ∫|E|².
     pub(super) mean: [Lanes; 2],
     /// Weight of the standing wave's part at its faces.
@@ -106,6 +114,14 @@ const AMPLITUDE_ROUNDING: f64 = 5.551_115_123_125_783e-17; // 2^-54
 /// Most layers between two looks at the energy.
 const BLOCK: usize = 16;
 
+/// The order of layers that are not counted by kind.
+const ONE_BY_ONE: [u32; BLOCK] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
+#[inline(always)]
+fn square([re, im]: [Lanes; 2]) -> Lanes {
+    re.fma(re, im * im)
+}
+
 /// Layers between two looks at the energy. Few layers are looked at one by one: a cavity of three must not be missed.
 const fn look_every(layers: usize) -> usize {
     let layers = layers / 24;
@@ -128,6 +144,11 @@ struct Memory {
 }
 
 impl Memory {
+    #[inline(always)]
+    fn of(energy: Lanes) -> Self {
+        Self { exponent: Lanes::splat(0.0), most: energy }
+    }
+
     /// Notes the energy at a face; where it has grown, returns the power of two by which the field is to be multiplied.
     #[inline(always)]
     fn look(&mut self, energy: Lanes) -> Option<Lanes> {
@@ -147,11 +168,14 @@ impl Memory {
     fn magnified_rounding(&self, per_layer: f64, layers: usize, incident: Lanes) -> Lanes {
         // Equal layers round alike, so their errors add up as N, not as √N.
         let rounding = per_layer * layers as f64;
-        self.most.zip(incident, |most, incident| rounding * most / incident)
+        self.most.scale(rounding) / incident
     }
 }
 
 /// The admittance vector (B, −iC/q_ref) splits into two real solutions, each rotated by a layer's phase.
+///
+/// A rotation is three shears, b += τc, c −= sb, b += τc with τ = tan δ/2 and s = sin δ, and the last of a layer and the first of the
+/// next are one. So a layer costs half the operations of its matrix, and its determinant is exactly 1.
 #[derive(Clone, Copy)]
 struct Rotor {
     b: [Lanes; 2],
@@ -162,26 +186,26 @@ struct Rotor {
 // By value throughout: the state must stay in registers.
 impl Rotor {
     #[inline(always)]
-    fn layer(self, cos: Lanes, up: Lanes, minus_down: Lanes) -> Self {
-        let [b0, b1] = self.b;
-        let [c0, c1] = self.c;
+    fn on_substrate(tile: &LosslessTile, pol: usize) -> Self {
+        let [re, im] = tile.q_substrate[pol];
+        let inverse = Lanes::splat(1.0) / tile.q_reference[pol];
         Self {
-            b: [cos.fma(b0, up * c0), cos.fma(b1, up * c1)],
-            c: [minus_down.fma(b0, cos * c0), minus_down.fma(b1, cos * c1)],
-            ..self
+            b: [Lanes::splat(1.0), Lanes::splat(0.0)],
+            c: [im * inverse, -(re * inverse)],
+            emission: Lanes::splat(0.0),
         }
     }
 
-    /// A layer of the reference medium.
     #[inline(always)]
-    fn reference_layer(self, cos: Lanes, sin: Lanes) -> Self {
-        let [b0, b1] = self.b;
-        let [c0, c1] = self.c;
-        Self {
-            b: [cos.fma(b0, sin * c0), cos.fma(b1, sin * c1)],
-            c: [sin.fnma(b0, cos * c0), sin.fnma(b1, cos * c1)],
-            ..self
-        }
+    fn shear_b(self, by: Lanes) -> Self {
+        let Self { b, c, .. } = self;
+        Self { b: [by.fma(c[0], b[0]), by.fma(c[1], b[1])], ..self }
+    }
+
+    #[inline(always)]
+    fn shear_c(self, by: Lanes) -> Self {
+        let Self { b, c, .. } = self;
+        Self { c: [by.fma(b[0], c[0]), by.fma(b[1], c[1])], ..self }
     }
 
     #[inline(always)]
@@ -201,136 +225,159 @@ impl Rotor {
 
     #[inline(always)]
     fn energy(&self) -> Lanes {
-        let [b, c] = [self.b, self.c].map(|z| z[0].fma(z[0], z[1] * z[1]));
-        b + c
+        square(self.b) + square(self.c)
     }
 
     #[inline(always)]
     fn scaled(self, factor: Lanes) -> Self {
         Self {
-            b: self.b.map(|b| b * factor),
-            c: self.c.map(|c| c * factor),
+            b: [self.b[0] * factor, self.b[1] * factor],
+            c: [self.c[0] * factor, self.c[1] * factor],
             emission: self.emission * factor * factor,
         }
     }
 }
 
-#[inline(always)]
-pub(super) fn lossless<const EMISSION: bool>(tile: &LosslessTile) -> TileResult {
-    let start = |pol: usize| {
-        let [re, im] = tile.q_substrate[pol];
-        let inverse = tile.q_reference[pol].map(|q| 1.0 / q);
-        Rotor {
-            b: [Lanes::splat(1.0), Lanes::splat(0.0)],
-            c: [im * inverse, (re * inverse).scale(-1.0)],
-            emission: Lanes::splat(0.0),
-        }
-    };
-    let mut s = start(0);
-    let mut p = start(1);
-    let mut memories = [s, p].map(|rotor| Memory { exponent: Lanes::splat(0.0), most: rotor.energy() });
+/// What goes up through a lossless stack; [s, p].
+struct LosslessWave {
+    rotors: [Rotor; 2],
+    memories: [Memory; 2],
+}
+
+/// Phases, rotations and ends are compiled apart: the polynomials' coefficients and the state of the waves do not fit into the registers
+/// together, and what is spilled then is the state.
+pub(super) fn lossless(level: Level, tile: &LosslessTile, emission: bool) -> TileResult {
+    let mut wave = lossless_start(level, tile);
     let look_every = look_every(tile.layers.len());
-    if let (Some(kinds), false) = (tile.kinds, EMISSION) {
-        let mut turns = Vec::with_capacity(kinds.layers.len());
-        for layer in &kinds.layers {
-            turns.push(Turn::new(tile, layer));
+    match tile.kinds {
+        Some(kinds) if !emission => {
+            let mut turns = vec![Turn::NONE; kinds.layers.len()];
+            turns_of(level, tile, &kinds.layers, &mut turns);
+            turned(level, &turns, &kinds.of_layer, look_every, &mut wave);
         }
-        for block in kinds.of_layer.chunks(look_every) {
-            (s, p) = turned(&turns, block, s, p);
-            [s, p] = look_at_rotors(&mut memories, [s, p]);
-        }
-    } else {
-        let mut turns = [[Lanes::splat(0.0); 2]; BLOCK];
-        for block in tile.layers.chunks(look_every) {
-            turn_block(tile, block, &mut turns);
-            (s, p) = lossless_block::<EMISSION>(tile, block, &turns, s, p);
-            [s, p] = look_at_rotors(&mut memories, [s, p]);
-        }
-    }
-    finish_lossless(tile, [s, p], memories)
-}
-
-// Not a closure: those are not sure to be compiled for the instruction set of their function.
-#[inline(always)]
-fn look_at_rotors(memories: &mut [Memory; 2], mut rotors: [Rotor; 2]) -> [Rotor; 2] {
-    for (memory, rotor) in memories.iter_mut().zip(&mut rotors) {
-        if let Some(factor) = memory.look(rotor.energy()) {
-            *rotor = rotor.scaled(factor);
+        _ => {
+            let mut turns = [Turn::NONE; BLOCK];
+            for block in tile.layers.chunks(look_every) {
+                turns_of(level, tile, block, &mut turns);
+                if emission {
+                    turned_emitting(level, tile, block, &turns, &mut wave);
+                } else {
+                    turned(level, &turns, &ONE_BY_ONE[..block.len()], look_every, &mut wave);
+                }
+            }
         }
     }
-    rotors
+    lossless_end(level, tile, &wave)
 }
 
-/// The matrix of one kind of layer; [s, p].
+at_each_level! { fn lossless_start(tile: &LosslessTile) -> LosslessWave = LosslessWave::on_substrate }
+at_each_level! { fn lossless_end(tile: &LosslessTile, wave: &LosslessWave) -> TileResult = finish_lossless }
+at_each_level! {
+    /// The shears of layers.
+    fn turns_of(tile: &LosslessTile, layers: &[DenseLayer], turns: &mut [Turn]) -> () = Turn::of_each
+}
+at_each_level! {
+    /// Through layers in an order of their turns, with a look at the energy every so many.
+    fn turned(turns: &[Turn], order: &[u32], look_every: usize, wave: &mut LosslessWave) -> () = LosslessWave::turn
+}
+at_each_level! {
+    /// As `turned`, one block, with sources.
+    fn turned_emitting(tile: &LosslessTile, block: &[DenseLayer], turns: &[Turn], wave: &mut LosslessWave) -> ()
+        = LosslessWave::turn_emitting
+}
+
+impl LosslessWave {
+    #[inline(always)]
+    fn on_substrate(tile: &LosslessTile) -> Self {
+        let (s, p) = (Rotor::on_substrate(tile, 0), Rotor::on_substrate(tile, 1));
+        Self { rotors: [s, p], memories: [Memory::of(s.energy()), Memory::of(p.energy())] }
+    }
+
+    #[inline(always)]
+    fn look(&mut self) {
+        for (memory, rotor) in self.memories.iter_mut().zip(&mut self.rotors) {
+            if let Some(factor) = memory.look(rotor.energy()) {
+                *rotor = rotor.scaled(factor);
+            }
+        }
+    }
+
+    /// The shears between layers are joined.
+    #[inline(always)]
+    fn turn(turns: &[Turn], order: &[u32], look_every: usize, wave: &mut Self) {
+        for block in order.chunks(look_every) {
+            let [mut s, mut p] = wave.rotors;
+            let mut below = &Turn::NONE;
+            for &at in block {
+                let turn = &turns[at as usize];
+                s = s.shear_b(below.b[0] + turn.b[0]).shear_c(turn.c[0]);
+                p = p.shear_b(below.b[1] + turn.b[1]).shear_c(turn.c[1]);
+                below = turn;
+            }
+            wave.rotors = [s.shear_b(below.b[0]), p.shear_b(below.b[1])];
+            wave.look();
+        }
+    }
+
+    #[inline(always)]
+    fn turn_emitting(tile: &LosslessTile, block: &[DenseLayer], turns: &[Turn], wave: &mut Self) {
+        let [mut s, mut p] = wave.rotors;
+        for (layer, turn) in block.iter().zip(turns) {
+            let below = [s.standing(), p.standing()];
+            s = s.shear_b(turn.b[0]).shear_c(turn.c[0]).shear_b(turn.b[0]);
+            p = p.shear_b(turn.b[1]).shear_c(turn.c[1]).shear_b(turn.b[1]);
+            if layer.source != 0.0 {
+                let medium = &tile.media[layer.medium];
+                s = s.emit(layer, medium.up[0], medium.mean[0], medium.face[0], below[0]);
+                p = p.emit(layer, medium.up[1], medium.mean[1], medium.face[1], below[1]);
+            }
+        }
+        wave.rotors = [s, p];
+        wave.look();
+    }
+}
+
+/// The shears of a layer; [s, p].
 #[derive(Clone, Copy)]
 struct Turn {
-    cos: Lanes,
-    up: [Lanes; 2],
-    minus_down: [Lanes; 2],
+    /// τ q_ref/q.
+    b: [Lanes; 2],
+    /// −sin δ q/q_ref.
+    c: [Lanes; 2],
 }
 
 impl Turn {
+    const NONE: Self = Self { b: [Lanes::splat(0.0); 2], c: [Lanes::splat(0.0); 2] };
+
+    #[inline(always)]
+    fn of_each(tile: &LosslessTile, layers: &[DenseLayer], turns: &mut [Self]) {
+        for (layer, turn) in layers.iter().zip(turns) {
+            *turn = Self::new(tile, layer);
+        }
+    }
+
     #[inline(always)]
     fn new(tile: &LosslessTile, layer: &DenseLayer) -> Self {
         let medium = &tile.media[layer.medium];
-        let (cos, sin) = cos_sin_half_turns(medium.half_turns.scale(layer.thickness));
-        Self {
-            cos,
-            up: [sin * medium.up[0], sin * medium.up[1]],
-            minus_down: [sin * medium.minus_down[0], sin * medium.minus_down[1]],
-        }
-    }
-}
-
-#[inline(always)]
-fn turned(turns: &[Turn], block: &[u32], mut s: Rotor, mut p: Rotor) -> (Rotor, Rotor) {
-    for &kind in block {
-        let turn = &turns[kind as usize];
-        s = s.layer(turn.cos, turn.up[0], turn.minus_down[0]);
-        p = p.layer(turn.cos, turn.up[1], turn.minus_down[1]);
-    }
-    (s, p)
-}
-
-/// (cos δ, sin δ) of a block of layers. In a loop of its own: the polynomials' coefficients and the state of the waves do not
-/// fit into the registers together.
-#[inline(always)]
-fn turn_block(tile: &LosslessTile, block: &[DenseLayer], turns: &mut [[Lanes; 2]; BLOCK]) {
-    for (layer, turn) in block.iter().zip(turns) {
-        let (cos, sin) = cos_sin_half_turns(tile.media[layer.medium].half_turns.scale(layer.thickness));
-        *turn = [cos, sin];
-    }
-}
-
-#[inline(always)]
-fn lossless_block<const EMISSION: bool>(
-    tile: &LosslessTile,
-    block: &[DenseLayer],
-    turns: &[[Lanes; 2]; BLOCK],
-    mut s: Rotor,
-    mut p: Rotor,
-) -> (Rotor, Rotor) {
-    for (layer, &[cos, sin]) in block.iter().zip(turns) {
-        let medium = &tile.media[layer.medium];
-        let emits = EMISSION && layer.source != 0.0;
-        let below = if EMISSION { [s.standing(), p.standing()] } else { [cos; 2] };
-        if layer.medium == tile.reference {
-            s = s.reference_layer(cos, sin);
-            p = p.reference_layer(cos, sin);
+        let half_turns = medium.half_turns.scale(layer.thickness);
+        let (tan, minus_sin) = if medium.most_half_turns * layer.thickness <= FEW_HALF_TURNS {
+            shears_of_few_half_turns(half_turns)
         } else {
-            s = s.layer(cos, sin * medium.up[0], sin * medium.minus_down[0]);
-            p = p.layer(cos, sin * medium.up[1], sin * medium.minus_down[1]);
+            shears_of_half_turns(half_turns)
+        };
+        if layer.medium == tile.reference {
+            return Self { b: [tan; 2], c: [minus_sin; 2] };
         }
-        if emits {
-            s = s.emit(layer, medium.up[0], medium.mean[0], medium.face[0], below[0]);
-            p = p.emit(layer, medium.up[1], medium.mean[1], medium.face[1], below[1]);
+        Self {
+            b: [tan * medium.up[0], tan * medium.up[1]],
+            c: [minus_sin * medium.down[0], minus_sin * medium.down[1]],
         }
     }
-    (s, p)
 }
 
 #[inline(always)]
-fn finish_lossless(tile: &LosslessTile, rotors: [Rotor; 2], memories: [Memory; 2]) -> TileResult {
+fn finish_lossless(tile: &LosslessTile, wave: &LosslessWave) -> TileResult {
+    let LosslessWave { rotors, memories } = wave;
     let nothing = [Lanes::splat(0.0); 2];
     let mut result =
         TileResult { reflectance: nothing, transmittance: nothing, doubt: nothing, emission: nothing };
@@ -338,22 +385,21 @@ fn finish_lossless(tile: &LosslessTile, rotors: [Rotor; 2], memories: [Memory; 2
         let (q_0, q_ref) = (tile.q_ambient[pol], tile.q_reference[pol]);
         // q₀B and C, real and imaginary parts; the second solution carries −Re C.
         let (b_re, b_im) = (q_0 * rotor.b[0], q_0 * rotor.b[1]);
-        let (c_re, c_im) = ((q_ref * rotor.c[1]).scale(-1.0), q_ref * rotor.c[0]);
-        let square = |re: Lanes, im: Lanes| re.fma(re, im * im);
-        let reflected = square(b_re - c_re, b_im - c_im);
-        let incident = square(b_re + c_re, b_im + c_im);
+        let (c_re, c_im) = (-(q_ref * rotor.c[1]), q_ref * rotor.c[0]);
+        let reflected = square([b_re - c_re, b_im - c_im]);
+        let incident = square([b_re + c_re, b_im + c_im]);
         let scale = memories[pol].exponent.map(|e| (-2.0 * e).exp2());
         let transmitted = (q_0 * tile.q_substrate[pol][0]).scale(4.0) * scale;
         let whole = reflected + transmitted;
-        result.reflectance[pol] = reflected.zip(whole, |a, b| a / b);
-        result.transmittance[pol] = transmitted.zip(whole, |a, b| a / b);
+        result.reflectance[pol] = reflected / whole;
+        result.transmittance[pol] = transmitted / whole;
         // Rounding does not know of flux conservation: what it breaks is the measure of what it did.
         let broken = whole.zip(incident, |a, b| (a / b - 1.0).abs());
         // q_ref(B² + C²/q_ref²) stored against |q₀B + C|²/2q₀ coming in.
-        let incoming = incident.zip((q_0 * q_ref).scale(2.0), |d, q| d / q);
+        let incoming = incident / (q_0 * q_ref).scale(2.0);
         result.doubt[pol] =
             broken + memories[pol].magnified_rounding(ROTATION_ROUNDING, tile.layers.len(), incoming);
-        result.emission[pol] = rotor.emission.zip(incident, |e, d| e / d) * (q_0 * q_0).scale(4.0);
+        result.emission[pol] = rotor.emission / incident * (q_0 * q_0).scale(4.0);
     }
     result
 }
@@ -426,25 +472,27 @@ impl Amplitudes {
 
     #[inline(always)]
     fn scaled(self, factor: Lanes) -> Self {
-        Self { down: self.down.map(|z| z * factor), up: self.up.map(|z| z * factor), ..self }
+        let Self { down, up, .. } = self;
+        Self { down: [down[0] * factor, down[1] * factor], up: [up[0] * factor, up[1] * factor], ..self }
     }
 
     #[inline(always)]
     fn energy(&self) -> Lanes {
-        let [f, g] = [self.down, self.up].map(|z| z[0].fma(z[0], z[1] * z[1]));
-        f + g
+        square(self.down) + square(self.up)
     }
 }
 
+at_each_level! { pub(super) fn complex(tile: &ComplexTile) -> TileResult = through_any_stack }
+
 #[inline(always)]
-pub(super) fn complex(tile: &ComplexTile) -> TileResult {
+fn through_any_stack(tile: &ComplexTile) -> TileResult {
     let start = Amplitudes {
         down: [Lanes::splat(1.0), Lanes::splat(0.0)],
         up: [Lanes::splat(0.0); 2],
         norm: Lanes::splat(1.0),
     };
     let mut waves = [start; 2];
-    let mut memories = [Memory { exponent: Lanes::splat(0.0), most: Lanes::splat(1.0) }; 2];
+    let mut memories = [Memory::of(Lanes::splat(1.0)); 2];
     let mut total_decay = Lanes::splat(0.0);
     let look_every = look_every(tile.layers.len());
     if let Some(kinds) = tile.kinds {
@@ -456,14 +504,14 @@ pub(super) fn complex(tile: &ComplexTile) -> TileResult {
         }
         for (block, interfaces) in kinds.of_layer.chunks(look_every).zip(tile.interface_of.chunks(look_every))
         {
-            waves = passed(tile, block.iter().map(|&kind| &passages[kind as usize]), interfaces, waves);
+            waves = passed(tile, &passages, block, interfaces, waves);
             waves = look_at_waves(&mut memories, waves);
         }
     } else {
         let mut passages = [[Lanes::splat(0.0); 2]; BLOCK];
         for (block, interfaces) in tile.layers.chunks(look_every).zip(tile.interface_of.chunks(look_every)) {
             total_decay = total_decay + passage_block(tile, block, &mut passages);
-            waves = passed(tile, passages[..block.len()].iter(), interfaces, waves);
+            waves = passed(tile, &passages, &ONE_BY_ONE[..block.len()], interfaces, waves);
             waves = look_at_waves(&mut memories, waves);
         }
     }
@@ -492,13 +540,15 @@ fn passage(medium: &ComplexMedium, layer: &DenseLayer) -> ([Lanes; 2], Lanes) {
 
 /// Through layers of known passage, each above an interface.
 #[inline(always)]
-fn passed<'a>(
+fn passed(
     tile: &ComplexTile,
-    passages: impl Iterator<Item = &'a [Lanes; 2]>,
+    passages: &[[Lanes; 2]],
+    order: &[u32],
     interfaces: &[usize],
     [mut s, mut p]: [Amplitudes; 2],
 ) -> [Amplitudes; 2] {
-    for (&[re, im], &at) in passages.zip(interfaces) {
+    for (&passage, &at) in order.iter().zip(interfaces) {
+        let [re, im] = passages[passage as usize];
         let interface = &tile.interfaces[at];
         s = s.interface(&interface.rho[0], interface.inverse_tau[0]).propagate(re, im);
         p = p.interface(&interface.rho[1], interface.inverse_tau[1]).propagate(re, im);
@@ -506,7 +556,7 @@ fn passed<'a>(
     [s, p]
 }
 
-/// As [`turn_block`]; gives the decay of the block.
+/// The passages of a block, in a loop of their own; gives the decay of the block.
 #[inline(always)]
 fn passage_block(tile: &ComplexTile, block: &[DenseLayer], passages: &mut [[Lanes; 2]; BLOCK]) -> Lanes {
     let mut total = Lanes::splat(0.0);
@@ -531,10 +581,10 @@ fn finish_complex(
         TileResult { reflectance: nothing, transmittance: nothing, doubt: nothing, emission: nothing };
     for (pol, (wave, memory)) in waves.into_iter().zip(memories).enumerate() {
         let wave = wave.interface(&top.rho[pol], top.inverse_tau[pol]).normalised();
-        let [down, up] = [wave.down, wave.up].map(|z| z[0].fma(z[0], z[1] * z[1]));
-        result.reflectance[pol] = up.zip(down, |u, d| u / d);
+        let (down, up) = (square(wave.down), square(wave.up));
+        result.reflectance[pol] = up / down;
         let power = memory.exponent.zip(total_decay, |e, decay| (-2.0 * e - decay).exp2());
-        result.transmittance[pol] = (power * tile.flux[pol]).zip(down, |p, d| p / d);
+        result.transmittance[pol] = power * tile.flux[pol] / down;
         let incoming = down * tile.inverse_contrast[pol];
         result.doubt[pol] = memory.magnified_rounding(AMPLITUDE_ROUNDING, tile.layers.len(), incoming);
     }

@@ -110,6 +110,22 @@ impl std::ops::Mul for Lanes {
     }
 }
 
+impl std::ops::Div for Lanes {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        self.zip(other, |a, b| a / b)
+    }
+}
+
+impl std::ops::Neg for Lanes {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        self.map(|x| -x)
+    }
+}
+
 /// sin(πr/2)/r as a polynomial in r², |r| ≤ ½: Chebyshev fit in 60 digits, error 5e-18.
 const SIN: [f64; 7] = [
     std::f64::consts::FRAC_PI_2,
@@ -133,6 +149,33 @@ const COS: [f64; 8] = [
     -6.329396344967424e-09,
 ];
 
+/// Up to here a layer's phase needs no reduction and its tangent no division.
+pub(crate) const FEW_HALF_TURNS: f64 = 0.22;
+
+/// tan(πu/2)/u as a polynomial in u², u ≤ 0.22: Chebyshev fit in 60 digits, relative error 1.2e-17.
+const TAN_OF_FEW: [f64; 9] = [
+    std::f64::consts::FRAC_PI_2,
+    1.2919281950124333,
+    1.275082019971209,
+    1.2734371179250599,
+    1.2732619702713202,
+    1.2731988222204607,
+    1.2747341788750979,
+    1.2433166720342181,
+    1.5895124585644738,
+];
+
+/// −sin(πu)/u, likewise: 6e-19.
+const MINUS_SIN_OF_FEW: [f64; 7] = [
+    -std::f64::consts::PI,
+    5.167712780049967,
+    -2.550164039876238,
+    0.5992645291834844,
+    -0.08214587850298563,
+    0.007370185101042211,
+    -0.000462604167201662,
+];
+
 /// 2^-f, |f| ≤ ½: error 3e-18.
 const EXP2_NEG: [f64; 12] = [
     1.0,
@@ -149,22 +192,35 @@ const EXP2_NEG: [f64; 12] = [
     -4.4558179083360645e-10,
 ];
 
-/// ±(cos πu, sin πu), one sign for both: whole turns of π are dropped, which no power can feel.
+/// (sin πr/2, cos πr/2), r what u lacks of a whole number: |r| ≤ ½.
 #[inline(always)]
-pub(crate) fn cos_sin_half_turns(u: Lanes) -> (Lanes, Lanes) {
+fn sin_cos_of_remainder(u: Lanes) -> (Lanes, Lanes) {
     let r = u - u.round();
     let z = r * r;
-    let sin = z.polynomial(&SIN) * r;
-    let cos = z.polynomial(&COS);
-    let twice = sin + sin;
-    (twice.fnma(sin, Lanes::splat(1.0)), twice * cos)
+    (z.polynomial(&SIN) * r, z.polynomial(&COS))
+}
+
+/// (tan δ/2, −sin δ) for δ = πu less whole half turns, which change the sign of a matrix and no power: |tan δ/2| ≤ 1.
+#[inline(always)]
+pub(crate) fn shears_of_half_turns(u: Lanes) -> (Lanes, Lanes) {
+    let (sin, cos) = sin_cos_of_remainder(u);
+    (sin / cos, -((sin + sin) * cos))
+}
+
+/// The same for 0 ≤ u ≤ [`FEW_HALF_TURNS`].
+#[inline(always)]
+pub(crate) fn shears_of_few_half_turns(u: Lanes) -> (Lanes, Lanes) {
+    let z = u * u;
+    (z.polynomial(&TAN_OF_FEW) * u, z.polynomial(&MINUS_SIN_OF_FEW) * u)
 }
 
 /// (cos 2πu, sin 2πu).
 #[inline(always)]
 pub(crate) fn cos_sin_turns(u: Lanes) -> (Lanes, Lanes) {
-    // Half turns (c, s) up to a sign, doubled: 1 − 2s², 2sc.
-    let (c, s) = cos_sin_half_turns(u);
+    // Doubled twice: (c, s) to (1 − 2s², 2sc). The first doubling may lack a sign.
+    let (s, c) = sin_cos_of_remainder(u);
+    let twice = s + s;
+    let (c, s) = (twice.fnma(s, Lanes::splat(1.0)), twice * c);
     let twice = s + s;
     (twice.fnma(s, Lanes::splat(1.0)), twice * c)
 }
@@ -185,6 +241,22 @@ pub(crate) fn exp2_neg(y: Lanes) -> Lanes {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn shears_are_tangent_of_half_and_sine() {
+        for i in 0..4000 {
+            let u = f64::from(i) * 0.000_7;
+            let r = u - u.round_ties_even();
+            let (half, whole) = (std::f64::consts::FRAC_PI_2 * r, std::f64::consts::PI * r);
+            let near = |a: f64, b: f64| (a - b).abs() <= 4.0 * f64::EPSILON * b.abs();
+            let (tan, minus_sin) = shears_of_half_turns(Lanes::splat(u));
+            assert!(near(tan.0[1], half.tan()) && near(minus_sin.0[1], -whole.sin()), "{u}");
+            if u <= FEW_HALF_TURNS {
+                let (tan, minus_sin) = shears_of_few_half_turns(Lanes::splat(u));
+                assert!(near(tan.0[1], half.tan()) && near(minus_sin.0[1], -whole.sin()), "{u}");
+            }
+        }
+    }
 
     #[test]
     fn polynomials_match_the_library_functions() {
