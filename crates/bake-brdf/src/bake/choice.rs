@@ -102,7 +102,8 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
     }
     let counts = counts(request)?;
     let bands = (1 + request.bands()?.further_nm.len()) as f64;
-    let (by_doubling, by_walk) = (bands * counts.doubling_seconds(geometry), bands * counts.walk_seconds(geometry));
+    let (by_doubling, by_walk) =
+        (bands * counts.doubling_seconds(geometry), bands * counts.walk_seconds(geometry));
     let choice = if by_doubling <= by_walk { SolverChoice::Doubling } else { SolverChoice::Walk };
     let reason = format!(
         "doubling would take about {by_doubling:.2} s of one core, with {} nodes, the walk {by_walk:.2} s",
