@@ -292,7 +292,7 @@ fn scenes_that_would_grow_without_bound_are_refused_within_bounded_memory() {
         (format!("<scene>{}</scene>", "<a/>".repeat(1_100_000)), "more than 1000000 elements"),
     ] {
         write(folder.path(), "s.xml", &text);
-        let command = "ulimit -v 600000 && exec \"$0\" --threads 1 plan --scene s.xml";
+        let command = "ulimit -v 600000 && exec \"$0\" plan --threads 1 --scene s.xml";
         let output = std::process::Command::new("sh")
             .args(["-c", command, env!("CARGO_BIN_EXE_bake-brdf")])
             .current_dir(folder.path())
