@@ -160,6 +160,7 @@ impl Compact {
             surface: lobe(surface),
             rehit: lobe(rehit),
             passages: None,
+            bands: Vec::new(),
         };
         table.validate()?;
         Ok(table)
@@ -207,13 +208,19 @@ pub(crate) fn section_of(meta: &Meta) -> Result<Section, Flaw> {
     if meta.extra.contains_key(crate::both_sides::KEY) {
         return Err(Flaw::new(crate::both_sides::KEY, "has no place in a compact file"));
     }
+    if meta.extra.contains_key(crate::dispersion::KEY) {
+        return Err(Flaw::new(
+            crate::dispersion::KEY,
+            "has no place in a compact file, which holds one lobe; expected a table baked without the effect dispersion",
+        ));
+    }
     Ok(section)
 }
 
 /// The table in half precision, cells as they are.
 ///
 /// # Errors
-/// A table that is too large, or that holds light from below.
+/// A table that is too large, or that holds light from below or lobes at further wavelengths.
 pub fn halved(table: &Table, source_bytes: u64) -> Result<Compact, Flaw> {
     let cells = table.meta.exit_axis.cells();
     let mut exponent = vec![[0; 3]; table.meta.per_incidence.len()];

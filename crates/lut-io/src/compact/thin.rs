@@ -45,6 +45,7 @@ pub fn resampled(lobe: &Interpolant, axis: &ExitAxis, incidences: &[usize]) -> T
         surface: Lobe::default(),
         rehit: Lobe::default(),
         passages: None,
+        bands: Vec::new(),
     };
     thin.meta.exit_axis = *axis;
     thin.meta.per_incidence = incidences.iter().map(|i| table.meta.per_incidence[*i].clone()).collect();
