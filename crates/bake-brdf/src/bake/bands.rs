@@ -131,7 +131,7 @@ fn angles() -> Vec<f64> {
 
 fn chosen(request: &Request, share: f64, settings: Option<&Settings>) -> Result<Bands, BakeError> {
     let own = request.recipe.light.wavelength_nm;
-    let nodes = looked_at(&request.recipe);
+    let nodes = looked_at(request);
     let solved: Result<Vec<Lobes>, BakeError> =
         nodes.par_iter().map(|nm| lobes(&request.at_wavelength(*nm), settings)).collect();
     let (further_nm, worst) = choose(&nodes, &solved?, own, share);
@@ -140,9 +140,10 @@ fn chosen(request: &Request, share: f64, settings: Option<&Settings>) -> Result<
     Ok(Bands { own_nm: own, further_nm, interpolation_percent })
 }
 
-/// The wavelengths looked at, ascending, the recipe's own among them: the visible range as far as tables of optical
-/// constants reach.
-fn looked_at(recipe: &Recipe) -> Vec<f64> {
+/// The wavelengths looked at, ascending, the recipe's own among them: the visible range as far as the optical constants
+/// reach without a gap, be it that a table ends there or that a formula gives no index.
+fn looked_at(request: &Request) -> Vec<f64> {
+    let recipe = &request.recipe;
     let [mut from, mut to] = colour::VISIBLE.map(|metres| 1e9 * metres);
     for (_, n) in recipe.stack.dispersions() {
         if let Dispersion::Table(rows) = n
@@ -161,7 +162,11 @@ fn looked_at(recipe: &Recipe) -> Vec<f64> {
     }
     nodes.sort_by(f64::total_cmp);
     nodes.dedup();
-    nodes
+    let at_own = nodes.iter().position(|nm| *nm == own).unwrap_or(0);
+    let known = |nm: &f64| request.at_wavelength(*nm).transport().is_ok();
+    let below = nodes[..at_own].iter().rev().take_while(|nm| known(nm)).count();
+    let above = nodes[at_own..].iter().take_while(|nm| known(nm)).count();
+    nodes[at_own - below..at_own + above].to_vec()
 }
 
 /// A cheap solution of the lobe at the recipe's wavelength.

@@ -357,10 +357,14 @@ mod tests {
         for lit in [&[50usize][..], &[0, 95], &[30, 31, 80]] {
             let mut lobe = [0f32; 96];
             lit.iter().for_each(|k| lobe[*k] = 3e-4);
-            let fitted = values(&PLANE, &terms, &fit_row(&cells, &terms, &weights, &lobe, &mut Vec::new()));
+            let coefficients = fit_row(&cells, &terms, &weights, &lobe, &mut Vec::new());
+            let fitted = values(&PLANE, &terms, &coefficients);
             let share =
                 |lobe: &[f32]| -> f64 { weights.iter().zip(lobe).map(|(w, v)| w * f64::from(*v)).sum() };
-            assert!((share(&fitted) / share(&lobe) - 1.0).abs() < 1e-5, "{lit:?}");
+            let lost = (share(&fitted) / share(&lobe) - 1.0).abs();
+            // The constant is the last to be rounded to f32; it is large where a polynomial has to fall steeply.
+            let rounding = f64::from(coefficients[0].abs() * f32::EPSILON);
+            assert!(lost < rounding + 1e-6, "{lit:?}: {lost:e}, rounding {rounding:e}");
         }
     }
 
