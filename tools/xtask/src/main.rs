@@ -60,7 +60,9 @@ fn rust() -> Result<()> {
 }
 
 fn python_checks(folder: &str) -> Result<()> {
-    step("release build", cargo(&["build", "--release", "--workspace"]))?;
+    // All that `cargo test` builds: the tools alone would be compiled once more, with fewer features of their dependencies.
+    let everything = ["build", "--release", "--workspace", "--bins", "--tests", "--examples"];
+    step("release build", cargo(&everything))?;
     let python = python::environment()?;
     let mut pytest = Command::new(python);
     pytest.args(["-m", "pytest", "-q", "-rsP", folder]).current_dir(root());
