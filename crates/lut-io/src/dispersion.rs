@@ -52,9 +52,7 @@ impl Dispersion {
     /// # Errors
     /// The section is there and is not valid.
     pub fn of(meta: &Meta) -> Result<Option<Self>, Flaw> {
-        let Some(value) = meta.extra.get(KEY) else { return Ok(None) };
-        let section: Self = serde_path_to_error::deserialize(value)
-            .map_err(|error| Flaw::new(format!("{KEY}.{}", error.path()), error.inner().to_string()))?;
+        let Some(section) = meta.section::<Self>(KEY)? else { return Ok(None) };
         section.validate(meta)?;
         Ok(Some(section))
     }
@@ -65,9 +63,7 @@ impl Dispersion {
     /// The section is not valid.
     pub fn store(&self, meta: &mut Meta) -> Result<(), Flaw> {
         self.validate(meta)?;
-        let value = serde_json::to_value(self).map_err(|error| Flaw::new(KEY, error.to_string()))?;
-        meta.extra.insert(KEY.to_owned(), value);
-        Ok(())
+        meta.put_section(KEY, self)
     }
 
     fn validate(&self, meta: &Meta) -> Result<(), Flaw> {

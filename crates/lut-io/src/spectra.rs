@@ -61,12 +61,7 @@ impl Spectra {
     /// # Errors
     /// The section is there and is not valid.
     pub fn of(meta: &Meta) -> Result<Option<Self>, Flaw> {
-        let Some(value) = meta.extra.get(KEY) else { return Ok(None) };
-        let spectra: Self =
-            serde_path_to_error::deserialize(value).map_err(|error| match error.path().to_string() {
-                path if path == "." => Flaw::new(KEY, error.inner().to_string()),
-                path => Flaw::new(format!("{KEY}.{path}"), error.inner().to_string()),
-            })?;
+        let Some(spectra) = meta.section::<Self>(KEY)? else { return Ok(None) };
         spectra.validate().map_err(|flaw| Flaw::new(format!("{KEY}.{}", flaw.field), flaw.problem))?;
         Ok(Some(spectra))
     }
@@ -78,9 +73,7 @@ impl Spectra {
     pub fn store(&self, meta: &mut Meta) -> Result<(), Flaw> {
         let rounded = self.rounded();
         rounded.validate()?;
-        let value = serde_json::to_value(&rounded).map_err(|error| Flaw::new(KEY, error.to_string()))?;
-        meta.extra.insert(KEY.to_owned(), value);
-        Ok(())
+        meta.put_section(KEY, &rounded)
     }
 
     fn rounded(&self) -> Self {

@@ -5,6 +5,7 @@ use crate::both_sides::{self, BothSides, Passage};
 use crate::dispersion::{self, Dispersion};
 use crate::error::Flaw;
 use crate::spectra::Spectra;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// Schema name this crate writes; a reader refuses a newer major version.
@@ -217,6 +218,30 @@ impl IncidenceSummary {
 }
 
 impl Meta {
+    /// A section of the metadata that is not checked by itself, if it is there.
+    ///
+    /// # Errors
+    /// It has another shape than `S`; the flaw names the field.
+    pub(crate) fn section<S: DeserializeOwned>(&self, key: &str) -> Result<Option<S>, Flaw> {
+        let Some(value) = self.extra.get(key) else { return Ok(None) };
+        let section =
+            serde_path_to_error::deserialize(value).map_err(|error| match error.path().to_string() {
+                path if path == "." => Flaw::new(key, error.inner().to_string()),
+                path => Flaw::new(format!("{key}.{path}"), error.inner().to_string()),
+            })?;
+        Ok(Some(section))
+    }
+
+    /// Puts a section into the metadata.
+    ///
+    /// # Errors
+    /// A number that JSON cannot say.
+    pub(crate) fn put_section(&mut self, key: &str, section: &impl Serialize) -> Result<(), Flaw> {
+        let value = serde_json::to_value(section).map_err(|error| Flaw::new(key, error.to_string()))?;
+        self.extra.insert(key.to_owned(), value);
+        Ok(())
+    }
+
     /// Checks everything the metadata promise by themselves: schema, axis, incidences, ranges of shares.
     ///
     /// # Errors

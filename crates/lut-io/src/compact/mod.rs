@@ -89,13 +89,7 @@ impl Section {
     /// # Errors
     /// It is there and is not valid.
     pub fn of(meta: &Meta) -> Result<Option<Self>, Flaw> {
-        let Some(value) = meta.extra.get(KEY) else { return Ok(None) };
-        let section: Self =
-            serde_path_to_error::deserialize(value).map_err(|error| match error.path().to_string() {
-                path if path == "." => Flaw::new(KEY, error.inner().to_string()),
-                path => Flaw::new(format!("{KEY}.{path}"), error.inner().to_string()),
-            })?;
-        Ok(Some(section))
+        meta.section(KEY)
     }
 
     /// Puts the section into metadata.
@@ -103,9 +97,7 @@ impl Section {
     /// # Errors
     /// A number that JSON cannot say.
     pub fn store(&self, meta: &mut Meta) -> Result<(), Flaw> {
-        let value = serde_json::to_value(self).map_err(|error| Flaw::new(KEY, error.to_string()))?;
-        meta.extra.insert(KEY.to_owned(), value);
-        Ok(())
+        meta.put_section(KEY, self)
     }
 }
 
