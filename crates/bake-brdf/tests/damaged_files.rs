@@ -313,11 +313,7 @@ fn made_up(target: &str) -> Vec<Named> {
             let whole = &seeds(target)[0].1;
             // The first field: its name, its extents.
             let name = whole.windows(11).position(|w| w == b"description").expect("a name");
-            let hurt = |at: usize, bytes: &[u8]| {
-                let mut file = whole.clone();
-                file[at..at + bytes.len()].copy_from_slice(bytes);
-                file
-            };
+            let hurt = |at: usize, bytes: &[u8]| overwritten(whole, at, bytes);
             vec![
                 ("nothing", Vec::new()),
                 ("magic", whole[..14].to_vec()),
@@ -359,11 +355,7 @@ fn made_up(target: &str) -> Vec<Named> {
         }
         "merl" => {
             let whole = &seeds(target)[0].1;
-            let hurt = |at: usize, bytes: &[u8]| {
-                let mut file = whole.clone();
-                file[at..at + bytes.len()].copy_from_slice(bytes);
-                file
-            };
+            let hurt = |at: usize, bytes: &[u8]| overwritten(whole, at, bytes);
             vec![
                 ("nothing", Vec::new()),
                 ("header", whole[..12].to_vec()),
@@ -429,6 +421,13 @@ fn made_up(target: &str) -> Vec<Named> {
         ],
         other => panic!("{other} has no damaged files"),
     }
+}
+
+/// The file with some of its bytes replaced.
+fn overwritten(file: &[u8], at: usize, bytes: &[u8]) -> Vec<u8> {
+    let mut file = file.to_vec();
+    file[at..at + bytes.len()].copy_from_slice(bytes);
+    file
 }
 
 /// Bodies that neither a checkpoint nor a shard may have.

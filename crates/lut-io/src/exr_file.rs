@@ -67,15 +67,6 @@ pub fn encode(table: &Table) -> Result<Vec<u8>, Flaw> {
     image(&text, image_size(&table.meta), channels)
 }
 
-/// Writes a compact form; the file appears whole or not at all.
-///
-/// # Errors
-/// As [`encode_compact`], or the operating system refuses.
-pub fn write_compact(compact: &Compact, path: &Path) -> Result<(), LutError> {
-    let bytes = encode_compact(compact).map_err(|flaw| LutError::invalid(path, flaw))?;
-    atomic::write(path, &bytes).map_err(|error| LutError::io(path, "write the file", error))
-}
-
 /// The bytes of the file of a compact form.
 ///
 /// # Errors

@@ -422,19 +422,12 @@ impl Table {
         self.meta.validate()?;
         let cells = self.meta.per_incidence.len() * self.meta.exit_axis.cells();
         for component in Component::ALL {
-            let lobe = self.lobe(component);
-            let name = component.name();
-            check_channel(name, &lobe.value, cells)?;
-            check_channel(&format!("{name}_std_error"), &lobe.std_error, cells)?;
-            check_channel(&format!("{name}_count"), &lobe.count, cells)?;
+            check_lobe(component.name(), self.lobe(component), cells)?;
         }
         self.check_bands(Dispersion::of(&self.meta)?.as_ref())?;
         for (band, lobes) in self.bands.iter().enumerate() {
             for (component, lobe) in Component::ALL.iter().zip(lobes) {
-                let name = dispersion::channel_name(component.name(), band);
-                check_channel(&name, &lobe.value, cells)?;
-                check_channel(&format!("{name}_std_error"), &lobe.std_error, cells)?;
-                check_channel(&format!("{name}_count"), &lobe.count, cells)?;
+                check_lobe(&dispersion::channel_name(component.name(), band), lobe, cells)?;
             }
         }
         match (&self.passages, self.meta.extra.contains_key(both_sides::KEY)) {
@@ -451,6 +444,12 @@ impl Table {
         }
         Ok(())
     }
+}
+
+fn check_lobe(name: &str, lobe: &Lobe, cells: usize) -> Result<(), Flaw> {
+    check_channel(name, &lobe.value, cells)?;
+    check_channel(&format!("{name}_std_error"), &lobe.std_error, cells)?;
+    check_channel(&format!("{name}_count"), &lobe.count, cells)
 }
 
 fn check_channel(name: &str, samples: &[f32], cells: usize) -> Result<(), Flaw> {

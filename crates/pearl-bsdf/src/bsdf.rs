@@ -78,8 +78,10 @@ pub struct PearlBsdf {
 /// A lobe that depends on the wavelength: what differs from the pearl at the table's own wavelength.
 #[derive(Clone, Debug)]
 struct Dispersed {
-    /// Wavelengths of all bands, ascending, nm, with their places in `weights`: 0 is the table's own.
-    order: Vec<(f64, usize)>,
+    /// Wavelengths of all bands, ascending, nm.
+    wavelength_nm: Vec<f64>,
+    /// Their places in `weights`: 0 is the table's own.
+    place: Vec<usize>,
     /// Share of each band in the channels of linear sRGB, the table's own first.
     weights: Vec<[f64; 3]>,
     /// The pearl in each of the bands but the table's own.
@@ -220,10 +222,9 @@ impl PearlBsdf {
         let Some(dispersed) = &self.dispersed else {
             return self.shade_own_at(wi, wo, wavelength_nm, viewer);
         };
-        let nodes: Vec<f64> = dispersed.order.iter().map(|(nm, _)| *nm).collect();
-        let (lo, hi, share) = around_wavelength(&nodes, wavelength_nm);
+        let (lo, hi, share) = around_wavelength(&dispersed.wavelength_nm, wavelength_nm);
         let band = |index: usize| {
-            dispersed.pearl(self, dispersed.order[index].1).shade_own_at(wi, wo, wavelength_nm, viewer)
+            dispersed.pearl(self, dispersed.place[index]).shade_own_at(wi, wo, wavelength_nm, viewer)
         };
         let (a, b) = (band(lo), band(hi));
         std::array::from_fn(|part| a[part] + share * (b[part] - a[part]))
@@ -293,13 +294,24 @@ impl PearlBsdf {
     /// [`Components::NAMES`]: the integral of [`Self::eval`] over the exit hemisphere, by quadrature.
     #[must_use]
     pub fn directional_albedo(&self, theta_i: f64) -> [[f64; 3]; 4] {
+        self.albedo(theta_i, Viewer::AtExit)
+    }
+
+    /// What a viewer at θ (radians, below π/2) sees of a white surrounding, component by component like
+    /// [`Self::directional_albedo`]: the integral of [`Self::eval_seen`] over the light. The lobes are the same.
+    #[must_use]
+    pub fn directional_albedo_seen(&self, theta: f64) -> [[f64; 3]; 4] {
+        self.albedo(theta, Viewer::AtIncidence)
+    }
+
+    fn albedo(&self, theta_i: f64, viewer: Viewer) -> [[f64; 3]; 4] {
         match &self.dispersed {
-            None => self.albedo_own(theta_i),
-            Some(dispersed) => dispersed.mixed(self, |pearl| pearl.albedo_own(theta_i)),
+            None => self.albedo_own(theta_i, viewer),
+            Some(dispersed) => dispersed.mixed(self, |pearl| pearl.albedo_own(theta_i, viewer)),
         }
     }
 
-    fn albedo_own(&self, theta_i: f64) -> [[f64; 3]; 4] {
+    fn albedo_own(&self, theta_i: f64, viewer: Viewer) -> [[f64; 3]; 4] {
         let cos_i = theta_i.cos();
         let at_i = Place::of_cos(cos_i);
         let scale = at_i.read(&self.mirror_scale);
@@ -315,16 +327,10 @@ impl PearlBsdf {
             add(&mut mirror, rehit, cos_d);
             add(&mut blur, interior, cos_d);
         });
-        let [diffuse, incoherent] = self.rgb.base_albedo(at_i);
-        [diffuse, incoherent, mirror, blur]
-    }
-
-    /// What a viewer at θ (radians, below π/2) sees of a white surrounding, component by component like
-    /// [`Self::directional_albedo`]: the integral of [`Self::eval_seen`] over the light. The lobes are the same.
-    #[must_use]
-    pub fn directional_albedo_seen(&self, theta: f64) -> [[f64; 3]; 4] {
-        let [_, _, mirror, blur] = self.directional_albedo(theta);
-        let [diffuse, incoherent] = self.rgb.base_albedo_seen(Place::of_cos(theta.cos()));
+        let [diffuse, incoherent] = match viewer {
+            Viewer::AtExit => self.rgb.base_albedo(at_i),
+            Viewer::AtIncidence => self.rgb.base_albedo_seen(at_i),
+        };
         [diffuse, incoherent, mirror, blur]
     }
 
@@ -403,7 +409,8 @@ impl Dispersed {
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
         let further = table.further_bands()?.into_iter().map(|band| PearlBsdf::from_table(band, controls));
         let further = further.collect::<Result<_, _>>()?;
-        Ok(Some(Self { order, weights: section.rgb_weights, further }))
+        let (wavelength_nm, place) = order.into_iter().unzip();
+        Ok(Some(Self { wavelength_nm, place, weights: section.rgb_weights, further }))
     }
 
     /// The pearl of a band; 0 is the table's own.

@@ -527,6 +527,11 @@ fn a_dispersed_lobe_is_that_of_the_band_and_linear_between() {
         let (rgb, parts) = (whole.eval(wi, wo).blur, [&own, &blue, &red].map(|one| one.eval(wi, wo).blur));
         let red_channel = 0.3 * parts[0][0] - 0.1 * parts[1][0] + 0.8 * parts[2][0];
         assert!((rgb[0] / red_channel - 1.0).abs() < 1e-12 && rgb[0] < rgb[2], "{rgb:?} {red_channel}");
+        // The base too: what the lobes leave differs from band to band.
+        let parts = [&own, &blue, &red].map(|one| one.directional_albedo_seen(0.7)[0]);
+        let red_channel = 0.3 * parts[0][0] - 0.1 * parts[1][0] + 0.8 * parts[2][0];
+        let seen = whole.directional_albedo_seen(0.7)[0][0];
+        assert!((seen / red_channel - 1.0).abs() < 1e-12 && seen != parts[0][0], "{seen} {red_channel}");
     }
 }
 

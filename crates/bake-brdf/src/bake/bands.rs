@@ -254,6 +254,15 @@ mod tests {
     }
 
     #[test]
+    fn the_effort_of_a_walk_is_that_of_one_band() {
+        let dispersed = request(GLASSY, 1.0);
+        assert!(!dispersed.bands().unwrap().further_nm.is_empty());
+        let own = Request { effects: dispersed.effects.without(Effect::Dispersion), ..dispersed.clone() };
+        let effort = |request: &Request| crate::bake::sampling::scout(request, 0.01).unwrap();
+        assert_eq!(effort(&dispersed), effort(&own));
+    }
+
+    #[test]
     fn constant_indices_need_no_further_band() {
         let bands = request(r#"{"stack":{"layers":40}}"#, 1.0).bands().unwrap();
         assert!(bands.further_nm.is_empty(), "{bands:?}");

@@ -2,6 +2,7 @@
 
 use super::assemble::azimuth_width_deg;
 use super::{BakeError, Observer, Progress, Request, Target};
+use crate::effects::Effect;
 use crate::tally::{CHUNK, Cells, Tally};
 use lut_io::axis::ExitAxis;
 use lut_io::measure;
@@ -469,14 +470,15 @@ pub(super) struct Effort {
     pub(super) paths: f64,
 }
 
-/// What a walk to `accuracy` (a share) has to do, from a few hundred paths at a few incidences: counts of seeded paths,
-/// so the same anywhere; good to about a quarter, and done in milliseconds.
+/// What a walk to `accuracy` (a share) has to do at the recipe's own wavelength, from a few hundred paths at a few incidences:
+/// counts of seeded paths, so the same anywhere; good to about a quarter, and done in milliseconds.
 pub(super) fn scout(request: &Request, accuracy: f64) -> Result<Effort, BakeError> {
     let angles = &request.incident_deg;
     let every = angles.len().div_ceil(SCOUTS);
     let few: Vec<f64> = angles.iter().copied().step_by(every).collect();
     let share = angles.len() as f64 / few.len() as f64;
-    let scouted = Request { incident_deg: few, ..request.clone() };
+    let effects = request.effects.without(Effect::Dispersion);
+    let scouted = Request { incident_deg: few, effects, ..request.clone() };
     let (mut sampling, _) = scouted.sampling(Shard::WHOLE)?;
     sampling.walk_pilot(SCOUT_PATHS, &Observer::idle())?;
     let mut effort = Effort { crossings: 0.0, paths: 0.0 };

@@ -118,27 +118,23 @@ impl Compact {
         let section = self.section()?;
         let incidences = self.meta.per_incidence.len();
         let axis = self.meta.exit_axis;
-        let [interior, surface, rehit] = match &section.form {
-            Form::Analytic { terms } => self.samples.map(|coefficients| {
-                coefficients
+        let [interior, surface, rehit] = std::array::from_fn(|component| {
+            let samples = &self.samples[component];
+            match &section.form {
+                Form::Analytic { terms } => samples
                     .chunks_exact(terms.len())
                     .flat_map(|row| analytic::values(&axis, terms, row))
-                    .collect()
-            }),
-            Form::Half { exponent } => {
-                let mut component = 0;
-                self.samples.map(|samples| {
-                    let of_incidence = samples.chunks_exact(axis.cells()).zip(exponent);
-                    let scaled = of_incidence.flat_map(|(row, exponent)| {
+                    .collect(),
+                Form::Half { exponent } => samples
+                    .chunks_exact(axis.cells())
+                    .zip(exponent)
+                    .flat_map(|(row, exponent)| {
                         let scale = 2f64.powi(exponent[component]);
                         row.iter().map(move |sample| (f64::from(*sample) * scale) as f32)
-                    });
-                    let values: Vec<f32> = scaled.collect();
-                    component += 1;
-                    values
-                })
+                    })
+                    .collect(),
             }
-        };
+        });
         let lobe = |value: Vec<f32>| Lobe {
             value,
             std_error: vec![0.0; incidences * axis.cells()],
@@ -216,10 +212,10 @@ pub(crate) fn section_of(meta: &Meta) -> Result<Section, Flaw> {
 pub fn halved(table: &Table, source_bytes: u64) -> Result<Compact, Flaw> {
     let cells = table.meta.exit_axis.cells();
     let mut exponent = vec![[0; 3]; table.meta.per_incidence.len()];
-    let mut component = 0;
-    let samples = Component::ALL.map(|name| {
-        let mut samples = Vec::with_capacity(table.lobe(name).value.len());
-        for (row, exponent) in table.lobe(name).value.chunks_exact(cells).zip(&mut exponent) {
+    let samples = std::array::from_fn(|component| {
+        let values = &table.lobe(Component::ALL[component]).value;
+        let mut samples = Vec::with_capacity(values.len());
+        for (row, exponent) in values.chunks_exact(cells).zip(&mut exponent) {
             let peak = row.iter().copied().fold(0f32, f32::max);
             if peak > 0.0 {
                 exponent[component] = f64::from(peak).log2().floor() as i32 + 1 - HALF_PEAK_EXPONENT;
@@ -227,7 +223,6 @@ pub fn halved(table: &Table, source_bytes: u64) -> Result<Compact, Flaw> {
             let scale = 2f64.powi(-exponent[component]);
             samples.extend(row.iter().map(|value| (f64::from(*value) * scale) as f32));
         }
-        component += 1;
         samples
     });
     compact(table, Form::Half { exponent }, samples, source_bytes)

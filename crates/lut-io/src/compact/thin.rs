@@ -39,20 +39,13 @@ pub fn thinned(lobe: &Interpolant, percent: f64) -> Result<Table, Flaw> {
 #[must_use]
 pub fn resampled(lobe: &Interpolant, axis: &ExitAxis, incidences: &[usize]) -> Table {
     let table = lobe.table();
-    let mut thin = Table {
-        meta: table.meta.clone(),
-        interior: Lobe::default(),
-        surface: Lobe::default(),
-        rehit: Lobe::default(),
-        passages: None,
-        bands: Vec::new(),
-    };
-    thin.meta.exit_axis = *axis;
-    thin.meta.per_incidence = incidences.iter().map(|i| table.meta.per_incidence[*i].clone()).collect();
+    let mut meta = table.meta.clone();
+    meta.exit_axis = *axis;
+    meta.per_incidence = incidences.iter().map(|i| table.meta.per_incidence[*i].clone()).collect();
     let same_cells = *axis == table.meta.exit_axis;
-    for component in Component::ALL {
+    let cells = table.meta.exit_axis.cells();
+    let [interior, surface, rehit] = Component::ALL.map(|component| {
         let samples = &table.lobe(component).value;
-        let cells = table.meta.exit_axis.cells();
         let mut value = Vec::with_capacity(incidences.len() * axis.cells());
         for &i in incidences {
             if same_cells {
@@ -61,14 +54,9 @@ pub fn resampled(lobe: &Interpolant, axis: &ExitAxis, incidences: &[usize]) -> T
                 value.extend(on_cells(lobe, component, axis, &table.meta.per_incidence[i]));
             }
         }
-        let lobe = Lobe { std_error: vec![0.0; value.len()], count: vec![0.0; value.len()], value };
-        match component {
-            Component::Interior => thin.interior = lobe,
-            Component::Surface => thin.surface = lobe,
-            Component::Rehit => thin.rehit = lobe,
-        }
-    }
-    thin
+        Lobe { std_error: vec![0.0; value.len()], count: vec![0.0; value.len()], value }
+    });
+    Table { meta, interior, surface, rehit, passages: None, bands: Vec::new() }
 }
 
 /// One row read at the centres of other cells, scaled to its share of the light.
