@@ -527,7 +527,7 @@ impl Multilayer {
     pub(crate) fn check_absorbing(&self) -> Result<(), WaveError> {
         for (name, index) in self.media() {
             if index.im < 0.0 {
-                return Err(WaveError::Gain { medium: name(), k: index.im });
+                return Err(WaveError::Gain { medium: name.to_string(), k: index.im });
             }
         }
         Ok(())
@@ -541,7 +541,7 @@ impl Multilayer {
             // Squares must not leave f64: no material comes near these bounds.
             let size = index.norm();
             if !(index.is_finite() && index.re >= 0.0 && (1e-60..1e60).contains(&size)) {
-                return Err(WaveError::Index { medium: name(), index });
+                return Err(WaveError::Index { medium: name.to_string(), index });
             }
         }
         let layers = self.runs.iter().flat_map(|run| run.unit.iter().enumerate());
@@ -567,17 +567,30 @@ impl Multilayer {
         Ok(())
     }
 
-    fn media(&self) -> impl Iterator<Item = (Box<dyn Fn() -> String + '_>, Complex64)> + '_ {
-        let named = |name: &'static str| -> Box<dyn Fn() -> String> { Box::new(move || name.to_owned()) };
-        let layers = self.runs.iter().flat_map(|run| {
-            run.unit.iter().enumerate().map(|(at, layer)| {
-                let name: Box<dyn Fn() -> String> = Box::new(move || format!("layer {}", at + 1));
-                (name, layer.index)
-            })
-        });
-        [(named("the ambient"), self.ambient), (named("the substrate"), self.substrate)]
+    fn media(&self) -> impl Iterator<Item = (MediumName, Complex64)> + '_ {
+        let named = |(at, layer): (usize, &Layer)| (MediumName::Layer(at + 1), layer.index);
+        [(MediumName::Ambient, self.ambient), (MediumName::Substrate, self.substrate)]
             .into_iter()
-            .chain(layers)
+            .chain(self.runs.iter().flat_map(move |run| run.unit.iter().enumerate().map(named)))
+    }
+}
+
+/// A medium as an error names it.
+#[derive(Clone, Copy)]
+enum MediumName {
+    Ambient,
+    Substrate,
+    /// Number in its run, from 1.
+    Layer(usize),
+}
+
+impl std::fmt::Display for MediumName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Ambient => f.write_str("the ambient"),
+            Self::Substrate => f.write_str("the substrate"),
+            Self::Layer(number) => write!(f, "layer {number}"),
+        }
     }
 }
 
