@@ -8,7 +8,6 @@ use crate::recipe::{AzimuthMode, Recipe};
 use crate::scene::Scene;
 use crate::spectra::{self, Wanted};
 use serde::Serialize;
-use std::time::Instant;
 use transport::walk::lanes::Precision;
 
 /// How a bake is to be done, whatever the recipe.
@@ -89,8 +88,6 @@ pub struct Plan {
     pub pearls: Vec<PlannedPearl>,
     /// Tables, in the order of the pearls that first need them.
     pub tables: Vec<PlannedTable>,
-    /// Seconds that planning took: choosing bands and solvers, and measuring what the predictions start from.
-    pub planning_seconds: f64,
 }
 
 /// Why there is no plan.
@@ -135,8 +132,7 @@ impl Plan {
 
     /// Puts pearls of one recipe into one table, and finds the costs.
     fn tabled(pearls: Vec<(PlannedPearl, bool)>, terms: &Terms) -> Result<Self, PlanError> {
-        let started = Instant::now();
-        let mut plan = Self { pearls: Vec::new(), tables: Vec::new(), planning_seconds: 0.0 };
+        let mut plan = Self { pearls: Vec::new(), tables: Vec::new() };
         for (mut pearl, used) in pearls {
             if used {
                 let set = pearl.decisions.set();
@@ -175,7 +171,6 @@ impl Plan {
                 }
             }
         }
-        plan.planning_seconds = started.elapsed().as_secs_f64();
         Ok(plan)
     }
 
@@ -308,13 +303,13 @@ pub fn costs(request: &Request, solver: SolverChoice) -> Result<[Cost; 12], Bake
 /// Adds what the interference colours cost; of it, what irregular thicknesses add is `irregularity`'s.
 fn interference_costs(request: &Request, costs: &mut [Cost; 12]) {
     let set = request.effects;
-    let seconds = |set: EffectSet| spectra::forecast(&request.recipe, Wanted::by_effects(set, false));
-    let whole = seconds(set);
-    let regular = if set.contains(Effect::Irregularity) {
-        seconds(set.without(Effect::Irregularity))
-    } else {
-        whole
+    let threads = rayon::current_num_threads() as f64;
+    let seconds = |set: EffectSet| {
+        let wanted = Wanted::by_effects(set, false);
+        spectra::forecast(&request.recipe, wanted).map(|seconds| seconds / threads)
     };
+    let whole = seconds(set);
+    let regular = seconds(set.without(Effect::Irregularity));
     for (i, effect) in [Effect::Coherent, Effect::Illuminant].into_iter().enumerate() {
         if set.contains(effect) {
             let own = whole[i].min(regular[i]);
@@ -332,6 +327,8 @@ const SPECTRUM_BYTES: [u64; 2] = [80_000, 27_000];
 /// metadata.
 const OVERHEAD_SECONDS: f64 = 0.01;
 const HEADER_BYTES: u64 = 5_000;
+/// Seconds of one core that a row of a table takes beside its solution: CPU time of plane bakes, less the solver's.
+const ROW_SECONDS: f64 = 1.6e-3;
 /// Bytes of metadata an incidence, and compressed bytes a cell, by solver: measured on the paper's pearl.
 const INCIDENCE_BYTES: u64 = 700;
 const WALK_CELL_BYTES: f64 = 22.0;
@@ -343,5 +340,6 @@ fn lobe_cost(request: &Request, solver: SolverChoice) -> Result<Cost, BakeError>
     let cells = forecast.cells as f64;
     let each = if solver == SolverChoice::Doubling { DOUBLING_CELL_BYTES } else { WALK_CELL_BYTES };
     let bytes = INCIDENCE_BYTES * request.incident_deg.len() as u64 + (cells * each) as u64;
-    Ok(Cost { seconds: forecast.seconds, bytes })
+    let rows = ROW_SECONDS * request.incident_deg.len() as f64 / rayon::current_num_threads() as f64;
+    Ok(Cost { seconds: forecast.seconds + rows, bytes })
 }

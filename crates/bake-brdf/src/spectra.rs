@@ -18,7 +18,6 @@ use lut_io::error::Flaw;
 use lut_io::spectra::{Coherent, Illuminant, Spectra};
 use lut_io::table::Meta;
 use rayon::prelude::*;
-use std::time::Instant;
 use thinfilm::illuminant::SourceProfile;
 use thinfilm::{Dispersion, Material, Stack, StackError, StackRun, colour, ensemble, modulation};
 use transport::{Light, Transport};
@@ -39,8 +38,12 @@ const REFLECTANCE_WORK: f64 = 3e9;
 const IRREGULAR_WORK: f64 = 5e7;
 const FIELD_WORK: f64 = 7e8;
 const SLOW_FIELD_WORK: f64 = 2e7;
-/// Members of an ensemble that a prediction measures.
-const PILOT_MEMBERS: u64 = 4;
+/// Seconds of one AVX-512 core that each of these takes: CPU time of bakes on a busy 2-core machine (the paper's pearl, the
+/// golden one).
+const REFLECTANCE_SECONDS: f64 = 1.4;
+const IRREGULAR_SECONDS: f64 = 3.8;
+const FIELD_SECONDS: f64 = 5.8;
+const SLOW_FIELD_SECONDS: f64 = 3.8;
 /// Members of an ensemble of irregular stacks: at least, and as many as bring the hue to ΔE00 ≈ 0.5.
 const FEWEST_MEMBERS: f64 = 2.0;
 const MEMBERS: f64 = 64.0;
@@ -309,45 +312,26 @@ fn has_slow_fields(stack: &Stack) -> bool {
     stack.is_irregular() || stack.materials.iter().any(absorbs)
 }
 
-/// Wall-clock seconds that M and Ê take here with the threads in use, each 0 where it is not wanted: a hundredth of the work,
-/// measured.
+/// Seconds of one core that M and Ê take, each 0 where it is not wanted.
 #[must_use]
 pub fn forecast(recipe: &Recipe, wanted: Wanted) -> [f64; 2] {
+    let seconds = |(budget, work): (f64, f64), effort: &Effort| budget * effort.work / work;
     let stack = wave_stack(recipe, wanted);
     let coherent = || {
-        let (theta_deg, effort) = coherent_effort(&stack);
-        // What fails has no colours, and takes no time.
-        measured(&theta_deg, &effort, |members, wavelengths, angles| {
-            let _ = ensemble::mean(&stack, SEED, members, wavelengths, angles);
-        })
+        let regular = (REFLECTANCE_SECONDS, REFLECTANCE_WORK);
+        let rate = if stack.is_irregular() { (IRREGULAR_SECONDS, IRREGULAR_WORK) } else { regular };
+        seconds(rate, &coherent_effort(&stack).1)
     };
     let illuminant = || {
         let stack = shortened(stack.clone(), DEEPEST);
-        let (theta_deg, effort) = illuminant_effort(&stack);
-        measured(&theta_deg, &effort, |members, wavelengths, angles| {
-            let profile = SourceProfile::Uniform;
-            let _ = modulation::illuminant(&stack, profile, SEED, members, wavelengths, angles);
-        })
+        let fast = (FIELD_SECONDS, FIELD_WORK);
+        let rate = if has_slow_fields(&stack) { (SLOW_FIELD_SECONDS, SLOW_FIELD_WORK) } else { fast };
+        seconds(rate, &illuminant_effort(&stack).1)
     };
     [
         if wanted.coherent == Want::No { 0.0 } else { coherent() },
         if wanted.illuminant == Want::No { 0.0 } else { illuminant() },
     ]
-}
-
-/// Seconds of a computation at all angles, wavelengths and members, from a few of each.
-fn measured(theta_deg: &[f64], effort: &Effort, compute: impl Fn(u64, &[f64], &[f64])) -> f64 {
-    let few = |all: &[f64]| -> Vec<f64> { all.iter().copied().skip(all.len() / 20).step_by(10).collect() };
-    let (angles, wavelengths) = (radians(theta_deg), colour::wavelengths(BANDS * effort.per_band + 1));
-    let (some_angles, some_wavelengths) = (few(&angles), few(&wavelengths));
-    let members = effort.members.min(PILOT_MEMBERS);
-    let started = Instant::now();
-    compute(members, &some_wavelengths, &some_angles);
-    let share = |all: &[f64], some: &[f64]| all.len() as f64 / some.len().max(1) as f64;
-    started.elapsed().as_secs_f64()
-        * share(&angles, &some_angles)
-        * share(&wavelengths, &some_wavelengths)
-        * (effort.members as f64 / members.max(1) as f64)
 }
 
 /// One angle.

@@ -21,7 +21,7 @@ pub const ROWS: [&str; 2] = ["row", "basis value in a row"];
 pub const WALKED: [&str; 3] = ["crossing", "path", "row"];
 
 /// Seconds of one AVX-512 core for each of [`ROWS`]; what a row takes by itself is in the price of an incidence.
-pub(super) const fn row_prices(geometry: Geometry) -> [f64; ROWS.len()] {
+const fn row_prices(geometry: Geometry) -> [f64; ROWS.len()] {
     match geometry {
         Geometry::Plane => [0.0, 3.2e-8],
         Geometry::Space => [0.0, 1e-8],
@@ -29,7 +29,7 @@ pub(super) const fn row_prices(geometry: Geometry) -> [f64; ROWS.len()] {
 }
 
 /// Seconds of one AVX-512 core for each of [`WALKED`].
-pub(super) const fn walk_prices(geometry: Geometry) -> [f64; WALKED.len()] {
+const fn walk_prices(geometry: Geometry) -> [f64; WALKED.len()] {
     match geometry {
         Geometry::Plane => [1.95e-9, 2.9e-8, 3.6e-3],
         Geometry::Space => [2.2e-9, 3.1e-8, 4.5e-3],
@@ -150,7 +150,7 @@ pub(super) fn settings(transport: &Transport, geometry: Geometry, accuracy: f64)
 }
 
 /// Incidences that doubling solves: those asked for, and some half-way between them.
-pub(super) fn solved_incidences(request: &Request) -> usize {
+fn solved_incidences(request: &Request) -> usize {
     request.incident_deg.len() + halfway::intervals(&request.theta_i()).len()
 }
 
@@ -167,7 +167,7 @@ pub(super) fn doubling_counts(
 }
 
 /// [`ROWS`] of a table of so many solved incidences.
-pub(super) fn row_counts(axis: &ExitAxis, settings: &Settings, incidences: usize) -> [f64; ROWS.len()] {
+fn row_counts(axis: &ExitAxis, settings: &Settings, incidences: usize) -> [f64; ROWS.len()] {
     // In space modes are summed at each node and cell.
     let modes = if matches!(axis, ExitAxis::Space { .. }) { settings.modes as f64 } else { 1.0 };
     let rows = incidences as f64;
@@ -175,7 +175,7 @@ pub(super) fn row_counts(axis: &ExitAxis, settings: &Settings, incidences: usize
 }
 
 /// What the effects make of a crossing.
-pub(super) fn crossing_weight(request: &Request, transport: &Transport) -> f64 {
+fn crossing_weight(request: &Request, transport: &Transport) -> f64 {
     let factor = |on: bool, factor: f64| if on { factor } else { 1.0 };
     factor(request.precision.resolve(transport) == Precision::F64, DOUBLE_PRECISION)
         * factor(transport.facets.normals == Normals::Visible, VISIBLE)

@@ -4,7 +4,6 @@ pub(crate) mod assemble;
 mod bands;
 mod choice;
 mod halfway;
-mod pilot;
 pub mod reproduce;
 pub mod sampling;
 mod second_side;
@@ -477,6 +476,18 @@ fn coloured(request: &Request, mut table: Table, colours: &Colours) -> Result<Ta
     Ok(table)
 }
 
+/// The reciprocal table nearest to a baked one, named as another bake than that.
+///
+/// # Errors
+/// A table that cannot be made reciprocal.
+pub fn reciprocal(table: &Table) -> Result<Table, BakeError> {
+    let mut table = lut_io::reciprocal::symmetrised(table).map_err(invalid)?;
+    if let Some(serde_json::Value::String(hash)) = table.meta.extra.get_mut("content_hash") {
+        hash.push_str("-reciprocal");
+    }
+    Ok(table)
+}
+
 fn walk_target(
     request: &Request,
     sampling: &mut Sampling,
@@ -518,29 +529,10 @@ pub fn forecast(request: &Request, observer: &Observer<'_>) -> Result<Forecast, 
         return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0, cells: 0 });
     }
     let (mut sampling, lobes) = request.sampling(Shard::WHOLE)?;
-    let walked = sampling.forecast(request.target, observer)?;
-    let paths = walked.paths;
-    let seconds = request.bands_seconds()? + walked.seconds + beside_walk_seconds(request, &lobes, &walked);
+    let (seconds, paths) = sampling.forecast(request.target, observer)?;
     let cells = (lobes.axis.cells() * request.incident_deg.len() * lobes.transports.len()) as u64;
     // Three components of value, error and count, and four coordinates, four bytes each.
     Ok(Forecast { seconds, paths, bytes: cells * 13 * 4, cells })
-}
-
-/// Seconds of a walk's bake beside the walk: rows of the table, and the doubling half-way between incidences, at the price
-/// list's ratio to the crossings that were measured.
-fn beside_walk_seconds(request: &Request, lobes: &Lobes, walked: &sampling::Walked) -> f64 {
-    let geometry = request.geometry();
-    let [crossing, path, row] = choice::walk_prices(geometry);
-    let weight = choice::crossing_weight(request, &lobes.transports[0]);
-    let priced = crossing * weight * walked.pilot_crossings + path * walked.pilot_paths;
-    let slowness = walked.pilot_seconds / priced.max(f64::MIN_POSITIVE);
-    let crossings = walked.crossings / lobes.transports.len() as f64;
-    let beside = lobes.transports.iter().map(|transport| {
-        let auxiliary = halfway::Auxiliary::of(transport, geometry, &request.theta_i(), crossings);
-        auxiliary.map_or(0.0, |auxiliary| choice::solver_seconds(geometry, &auxiliary.cost.counts))
-    });
-    let rows = row * (request.incident_deg.len() * lobes.transports.len()) as f64;
-    slowness * (rows + beside.sum::<f64>())
 }
 
 /// Predicts the cost of a bake by a solver: the walk's from a pilot, doubling's from its operation count.
@@ -559,7 +551,7 @@ pub fn forecast_of(
     let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
     let bands = 1 + request.bands()?.further_nm.len();
     let cells = (axis.cells() * request.incident_deg.len() * bands) as u64;
-    let seconds = request.bands_seconds()? + bands as f64 * doubling_seconds(request, &transport)?;
+    let seconds = bands as f64 * doubling_seconds(request, &transport)?;
     Ok(Forecast { seconds, paths: 0, bytes: cells * 13 * 4, cells })
 }
 
@@ -574,11 +566,13 @@ fn doubling_seconds(request: &Request, transport: &Transport) -> Result<f64, Bak
     if transport.facets.slope_sd == 0.0 {
         return Ok(0.0); // a closed form
     }
-    let settings = choice::settings(transport, request.geometry(), percent / 100.0);
-    settings.check(transport, request.geometry(), &request.theta_i())?;
+    choice::settings(transport, request.geometry(), percent / 100.0).check(
+        transport,
+        request.geometry(),
+        &request.theta_i(),
+    )?;
     let counts = choice::doubling_counts(request, transport, percent / 100.0);
-    let pilot = pilot::Pilot::of(request, transport, &settings)?;
-    Ok(pilot.seconds(request, &counts, &settings, choice::solved_incidences(request)))
+    Ok(choice::solver_seconds(request.geometry(), &counts) / rayon::current_num_threads() as f64)
 }
 
 const NO_PATHS: &str = "doubling walks no paths: give it --accuracy, not --paths or --time-budget";

@@ -255,26 +255,19 @@ impl Sampling {
         Ok(())
     }
 
-    /// What a bake to `target` takes in all, from a pilot that this walks.
+    /// Seconds and paths that a bake to `target` takes in all, from a pilot that this walks.
     ///
     /// # Errors
     /// The observer asked to stop.
-    pub(super) fn forecast(&mut self, target: Target, observer: &Observer<'_>) -> Result<Walked, BakeError> {
+    pub fn forecast(&mut self, target: Target, observer: &Observer<'_>) -> Result<(f64, u64), BakeError> {
         self.walk_pilot(PILOT, observer)?;
-        let pilot_seconds = self.seconds();
         let targets: Vec<u64> = match target {
             Target::AccuracyPercent(percent) => self.targets_for_accuracy(percent / 100.0),
             Target::Paths(paths) => vec![paths; self.lobes()],
             Target::Time(budget) => self.targets_for_seconds(budget.as_secs_f64()),
         };
-        Ok(Walked {
-            seconds: pilot_seconds + self.seconds_to(&targets),
-            crossings: self.crossings() as f64 + self.crossings_to(&targets),
-            paths: targets.iter().fold(0, |sum: u64, &paths| sum.saturating_add(paths)),
-            pilot_seconds,
-            pilot_crossings: self.crossings() as f64,
-            pilot_paths: self.state.tallies.iter().map(|tally| tally.paths as f64).sum(),
-        })
+        let seconds = self.seconds() + self.seconds_to(&targets);
+        Ok((seconds, targets.iter().fold(0, |sum: u64, &paths| sum.saturating_add(paths))))
     }
 
     /// Arithmetic that the walk uses, `f32` or `f64`.
@@ -466,23 +459,6 @@ fn paths_for(paths: u64, bound: f64, accuracy: f64) -> u64 {
     let chunks = (paths as f64 * factor / CHUNK as f64).ceil();
     // Casts of floats saturate.
     (chunks as u64).saturating_mul(CHUNK)
-}
-
-/// What a walk will have taken in all, and what its pilot took of it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Walked {
-    /// Wall-clock seconds.
-    pub(super) seconds: f64,
-    /// Facets met.
-    pub(super) crossings: f64,
-    /// Paths over all lobes.
-    pub(super) paths: u64,
-    /// Wall-clock seconds of the pilot.
-    pub(super) pilot_seconds: f64,
-    /// Facets that the pilot met.
-    pub(super) pilot_crossings: f64,
-    /// Paths of the pilot.
-    pub(super) pilot_paths: f64,
 }
 
 /// What a walk has to do in all.

@@ -130,7 +130,11 @@ fn same() -> Result<bool, Box<dyn Error>> {
         let options = |lean| Options { lean, plane, paths: 5000, effect: None, level: best() };
         let ((a, exits), (b, others)) = (walked(&options(false))?, walked(&options(true))?);
         let same = a == b && exits == others;
-        println!("{}: {}", if plane { "plane" } else { "space" }, if same { "same bits" } else { "they differ" });
+        println!(
+            "{}: {}",
+            if plane { "plane" } else { "space" },
+            if same { "same bits" } else { "they differ" }
+        );
         all &= same;
     }
     Ok(all)

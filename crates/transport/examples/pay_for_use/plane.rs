@@ -50,6 +50,8 @@ struct Ray {
 }
 
 impl Stack {
+    /// Out of line: else the compiler chooses between indices of 64 bits and rounds the choice, at every crossing.
+    #[inline(never)]
     fn new(transport: &Transport) -> Self {
         let n = &transport.indices;
         let ratio = |from: usize, to: usize| (n[from] / n[to]) as f32;
@@ -158,13 +160,18 @@ impl Lanes {
 
     #[inline(always)]
     fn sweep(&mut self, stack: &Stack, count: usize) -> bool {
-        let stack = *stack;
         let count = count.min(LANES);
+        self.draw(stack.normal, count);
+        self.move_on(*stack, count)
+    }
+
+    #[inline(always)]
+    fn draw(&mut self, normal: Normal, count: usize) {
         for lane in 0..count {
             let [s0, s1, s2, s3] = &self.generator;
             let mut state = [s0[lane], s1[lane], s2[lane], s3[lane]];
             let (radius, angle) = (next(&mut state), next(&mut state));
-            let (first, second) = stack.normal.deviates(radius, angle);
+            let (first, second) = normal.deviates(radius, angle);
             self.tilts[0][lane] = first;
             self.tilts[1][lane] = second;
             self.choices[0][lane] = left_over(radius, angle);
@@ -172,6 +179,10 @@ impl Lanes {
             let [s0, s1, s2, s3] = &mut self.generator;
             [s0[lane], s1[lane], s2[lane], s3[lane]] = state;
         }
+    }
+
+    #[inline(always)]
+    fn move_on(&mut self, stack: Stack, count: usize) -> bool {
         let mut any = 0;
         for lane in 0..count {
             let ray = stack.meet(self.get(lane), self.tilts[0][lane], self.choices[0][lane], false);
@@ -219,7 +230,13 @@ impl Lanes {
 
 /// Walks numbered paths of an incidence (radians); the number of crossings.
 #[inline(always)]
-pub(crate) fn walk(transport: &Transport, theta_i: f64, seed: u64, paths: Range<u64>, out: &mut [Exit]) -> u64 {
+pub(crate) fn walk(
+    transport: &Transport,
+    theta_i: f64,
+    seed: u64,
+    paths: Range<u64>,
+    out: &mut [Exit],
+) -> u64 {
     let stack = Stack::new(transport);
     let stream = Stream::new(seed, theta_i);
     let direction = [theta_i.sin() as f32, theta_i.cos() as f32];
@@ -232,10 +249,10 @@ pub(crate) fn walk(transport: &Transport, theta_i: f64, seed: u64, paths: Range<
         lanes.start(lane, direction, stream.path(path), (path - first) as usize);
         live += 1;
     }
-    let mut crossings = 0;
+    let mut harvest = Harvest { stack: &stack, stream, direction, first, paths, live, crossings: 0, out };
     let mut until_cut = lanes.cut(event_cap);
-    while live > 0 {
-        let count = live.next_multiple_of(BLOCK);
+    while harvest.live > 0 {
+        let count = harvest.live.next_multiple_of(BLOCK);
         let mut any = lanes.sweep(&stack, count);
         until_cut -= 1;
         if until_cut == 0 {
@@ -245,29 +262,47 @@ pub(crate) fn walk(transport: &Transport, theta_i: f64, seed: u64, paths: Range<
         if !any {
             continue;
         }
-        for block in (0..count / BLOCK).rev().map(|block| block * BLOCK..(block + 1) * BLOCK) {
-            if lanes.done[block.clone()].iter().fold(0, |any, done| any | done) == 0 {
-                continue;
-            }
-            for lane in block.rev() {
-                if lanes.done[lane] == 0 {
-                    continue;
-                }
-                if lanes.slot[lane] == IDLE {
-                    lanes.rest(lane, &stack);
-                    continue;
-                }
-                crossings += u64::from(lanes.met[lane] / CROSSING);
-                out[lanes.slot[lane]] = lanes.exit(lane, stack.last);
-                if let Some(path) = paths.next() {
-                    lanes.start(lane, direction, stream.path(path), (path - first) as usize);
-                    continue;
-                }
-                live -= 1;
-                lanes.shift(live, lane);
-                lanes.rest(live, &stack);
+        for block in (0..count / BLOCK).rev() {
+            let first = block * BLOCK;
+            if lanes.done[first..first + BLOCK].iter().fold(0, |any, done| any | done) != 0 {
+                harvest.block(&mut lanes, first);
             }
         }
     }
-    crossings
+    harvest.crossings
+}
+
+struct Harvest<'a> {
+    stack: &'a Stack,
+    stream: Stream,
+    direction: [f32; 2],
+    first: u64,
+    paths: Range<u64>,
+    live: usize,
+    crossings: u64,
+    out: &'a mut [Exit],
+}
+
+impl Harvest<'_> {
+    #[inline(never)]
+    fn block(&mut self, lanes: &mut Lanes, first: usize) {
+        for lane in (first..first + BLOCK).rev() {
+            if lanes.done[lane] == 0 {
+                continue;
+            }
+            if lanes.slot[lane] == IDLE {
+                lanes.rest(lane, self.stack);
+                continue;
+            }
+            self.crossings += u64::from(lanes.met[lane] / CROSSING);
+            self.out[lanes.slot[lane]] = lanes.exit(lane, self.stack.last);
+            if let Some(path) = self.paths.next() {
+                lanes.start(lane, self.direction, self.stream.path(path), (path - self.first) as usize);
+                continue;
+            }
+            self.live -= 1;
+            lanes.shift(self.live, lane);
+            lanes.rest(self.live, self.stack);
+        }
+    }
 }
