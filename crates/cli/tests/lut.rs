@@ -155,7 +155,7 @@ fn angles_outside_the_table_are_refused() {
 }
 
 #[test]
-fn plots_are_three_figures_as_svg_and_png() {
+fn plots_are_four_figures_as_svg_and_png() {
     for table in [plane(), space(), specimen::plane(&[50.0], 16)] {
         let file = file(&table);
         let figures = file.folder.path().join("new/figures");
@@ -164,10 +164,17 @@ fn plots_are_three_figures_as_svg_and_png() {
         let mut names: Vec<String> =
             fs::read_dir(&figures).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
         names.sort();
-        assert_eq!(names.len(), 6, "{names:?}");
+        assert_eq!(names.len(), 9, "{names:?}");
         for name in names {
             let bytes = fs::read(figures.join(&name)).unwrap();
-            if name.ends_with(".png") {
+            if name == "reciprocity.json" {
+                let map: Value = serde_json::from_slice(&bytes).unwrap();
+                let angles = floats(&map["theta_deg"]);
+                assert_eq!(map["schema"], "lut-reciprocity/1");
+                assert!(
+                    map["defect"].as_array().unwrap().iter().all(|row| floats(row).len() == angles.len())
+                );
+            } else if name.ends_with(".png") {
                 assert!(bytes.starts_with(b"\x89PNG"), "{name}");
             } else {
                 let svg = String::from_utf8(bytes).unwrap();

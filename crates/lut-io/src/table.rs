@@ -242,6 +242,7 @@ impl Meta {
         share("accuracy.worst_theta_i_deg", self.accuracy.worst_theta_i_deg)?;
         share("accuracy.interpolation_percent", self.accuracy.interpolation_percent)?;
         BothSides::of(self)?;
+        crate::reciprocal::section(self)?;
         Spectra::of(self).map(|_| ())
     }
 

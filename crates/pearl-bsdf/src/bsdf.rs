@@ -65,6 +65,8 @@ pub struct PearlBsdf {
     tabulated: Tabulated,
     /// Over θi: factor of the closed-form reflection that gives it its share of the light.
     mirror_scale: Box<[f64; NODES]>,
+    /// Of reciprocal tables, over θ: the closed form is multiplied by this at θi, by this at θo, and by cos θo.
+    mirror_ends: Option<Box<[f64; NODES]>>,
     rgb: Colours,
     wavelength_nm: Vec<f64>,
     bands: Vec<Colours>,
@@ -78,6 +80,10 @@ struct Geometry {
     incidence: Incidence,
     exit: Exit,
     at_i: Place,
+    /// θ and sin θ of both, and sin²(φ/2).
+    polar_i: (f64, f64),
+    polar_o: (f64, f64),
+    y2: f64,
 }
 
 /// Which of the two directions the viewer is at.
@@ -114,7 +120,18 @@ impl PearlBsdf {
         let bands = bands.collect();
         let chances = chances(&rgb, &controls);
         let mirror_scale = mirror_scale(&lobe, &facets, &rules);
-        Ok(Self { controls, facets, tabulated, mirror_scale, rgb, wavelength_nm, bands, chances })
+        let mirror_ends = tabulated.is_reciprocal().then(|| mirror_ends(&lobe, &facets, &rules));
+        Ok(Self {
+            controls,
+            facets,
+            tabulated,
+            mirror_scale,
+            mirror_ends,
+            rgb,
+            wavelength_nm,
+            bands,
+            chances,
+        })
     }
 
     /// The controls.
@@ -270,15 +287,31 @@ impl PearlBsdf {
         }
         let ((theta_i, sin_i), (theta_o, sin_o)) = (polar(wi), polar(wo));
         let incidence = self.tabulated.incidence(theta_i, sin_i);
-        let exit = self.tabulated.exit(&incidence, theta_o, sin_o, half_azimuth2(wi, wo));
-        Some(Geometry { half: Half::new(wi, wo), incidence, exit, at_i: Place::of_cos(wi[2]) })
+        let y2 = half_azimuth2(wi, wo);
+        let exit = self.tabulated.exit(&incidence, theta_o, sin_o, y2);
+        Some(Geometry {
+            half: Half::new(wi, wo),
+            incidence,
+            exit,
+            at_i: Place::of_cos(wi[2]),
+            polar_i: (theta_i, sin_i),
+            polar_o: (theta_o, sin_o),
+            y2,
+        })
     }
 
     /// f·cos θo of the lobes short of their colour: mirror and blur.
     #[inline]
     fn lobes(&self, geometry: &Geometry) -> [f64; 2] {
-        let [interior, rehit] = self.tabulated.eval(&geometry.incidence, &geometry.exit);
-        let scale = geometry.at_i.read(&self.mirror_scale);
+        let Geometry { incidence, exit, at_i, polar_i, polar_o, y2, .. } = geometry;
+        let [interior, rehit] = self.tabulated.eval_pair(incidence, exit, *polar_i, *polar_o, *y2);
+        let scale = match &self.mirror_ends {
+            None => at_i.read(&self.mirror_scale),
+            Some(ends) => {
+                let cos_o = polar_o.0.cos();
+                at_i.read(ends) * Place::of_cos(cos_o).read(ends) * cos_o
+            }
+        };
         [rehit + self.facets.reflection(&geometry.half) * scale, interior]
     }
 
@@ -451,7 +484,7 @@ fn tabulated_light(
         for &(phi, weight_phi) in walked.iter().chain(&decayed).flatten() {
             let y2 = (0.5 * phi).sin().powi(2);
             let exit = tabulated.exit(&incidence, theta_o, sin_o, y2);
-            let light = tabulated.eval(&incidence, &exit);
+            let light = tabulated.eval_pair(&incidence, &exit, (theta_i, sin_i), (theta_o, sin_o), y2);
             // Both sides of the plane of incidence.
             let weight = 2.0 * weight_o * weight_phi * sin_o;
             // wi·wo = cos θi cos θo − sin θi sin θo cos φ.
@@ -487,6 +520,49 @@ fn mirror_scale(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Box<[f64;
         }
     }
     scale
+}
+
+/// The curve r for which r(θi)·r(θo)·cos θo·[`Facets::reflection`] has the single reflection's share at every θi: the closed form
+/// made reciprocal (symmetric scaling, as in [`lut_io::reciprocal`]).
+fn mirror_ends(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Box<[f64; NODES]> {
+    const ROUNDS: usize = 200;
+    const SCALED: f64 = 1e-9;
+    let pieces: Vec<Vec<(f64, Place)>> = (0..NODES)
+        .map(|node| {
+            let mut pieces = Vec::new();
+            facets.integrate_exits(rules, curve::cos_at(node), |mass, _, cos_o| {
+                if mass > 0.0 && cos_o > 0.0 {
+                    pieces.push((mass * cos_o, Place::of_cos(cos_o)));
+                }
+            });
+            pieces
+        })
+        .collect();
+    let share: Vec<f64> =
+        (0..NODES).map(|node| colour::single_reflection_share(lobe, curve::theta_at(node))).collect();
+    let mut ends = Box::new([1.0; NODES]);
+    for _ in 0..ROUNDS {
+        let mut worst = 0f64;
+        let factor: Vec<f64> = pieces
+            .iter()
+            .zip(&share)
+            .enumerate()
+            .map(|(node, (pieces, share))| {
+                let light: f64 =
+                    pieces.iter().map(|(mass, at)| mass * at.read(&ends)).sum::<f64>() * ends[node];
+                if light <= 0.0 || *share <= 0.0 {
+                    return 0.0;
+                }
+                worst = worst.max((share / light - 1.0).abs());
+                (share / light).sqrt()
+            })
+            .collect();
+        ends.iter_mut().zip(factor).for_each(|(end, factor)| *end *= factor);
+        if worst < SCALED {
+            break;
+        }
+    }
+    ends
 }
 
 /// Probabilities of the four techniques: the albedos of what is shown.

@@ -140,6 +140,35 @@ class Table:
         return np.where(integral > 0.0, share / np.where(integral > 0.0, integral, 1.0), 0.0)
 
     @cached_property
+    def reciprocal(self):
+        """Whether the table is read at the larger of both angles (docs/LUT-FORMAT.md §12)."""
+        return "reciprocal" in self.meta
+
+    @cached_property
+    def mirror_ends(self):
+        """Over the nodes of `curves`, of reciprocal tables: r for which the closed-form reflection times r(θi)·r(θo)·cos θo has its
+        share of the light at every θi (symmetric scaling)."""
+        share = self.albedo[1](curves.THETA)
+        masses, index, fraction = [], [], []
+        for cos in curves.COS:
+            mass, _, cos_o = self.facets.integrate_exits(cos)
+            masses.append(mass * cos_o)
+            at, t = curves.place(cos_o)
+            index.append(at.astype(np.int32))
+            fraction.append(t)
+        masses, index, fraction = np.array(masses), np.array(index), np.array(fraction)
+        ends = np.ones(curves.NODES)
+        for _ in range(200):
+            read = ends[index] + fraction * (ends[index + 1] - ends[index])
+            light = ends * (masses * read).sum(axis=1)
+            lit = (light > 0.0) & (share > 0.0)
+            ratio = np.where(lit, share / np.where(lit, light, 1.0), 0.0)
+            ends *= np.sqrt(ratio)
+            if np.abs(ratio[lit] - 1.0).max(initial=0.0) < 1e-9:
+                break
+        return ends
+
+    @cached_property
     def albedos(self):
         """Albedo at the nodes of `curves` of interior, surface and rehit, brightness 1 and no interference."""
         return np.array([albedo(curves.THETA) for albedo in self.albedo])

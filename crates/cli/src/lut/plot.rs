@@ -1,7 +1,8 @@
-//! `lut plot`: the paper's Figs. 6, 7 and 10.
+//! `lut plot`: the paper's Figs. 6, 7 and 10, and the defect of reciprocity over angles.
 
 mod azimuth;
 mod incidences;
+mod reciprocity;
 
 use crate::{FileArg, Manners, read_lobe};
 use kuva::backend::raster::RasterBackend;
@@ -22,8 +23,9 @@ const ORANGE: &str = "#d55e00";
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Writes fig6-incidence-30, fig7-incidences and fig10-azimuth, each as .svg and .png. Bands are
-two standard errors each way.
+    after_help = "Writes fig6-incidence-30, fig7-incidences, fig10-azimuth and reciprocity, each as .svg and .png. Bands are
+two standard errors each way. `reciprocity` maps |F(a, b) - F(b, a)|, F = f cos a cos b, in the plane of incidence; its numbers
+are in reciprocity.json.
 
 Example:
   lut plot pearl.exr -o figures"
@@ -42,10 +44,12 @@ pub(crate) fn run(args: &PlotArgs, manners: Manners) -> Outcome {
     std::fs::create_dir_all(output)
         .map_err(|error| Stop::failure(format!("{}: {error}", output.display())))?;
     let theta_i_deg = nearest_known(&lobe, 30.0);
+    let map = reciprocity::map(&lobe);
     let figures = [
         (format!("fig6-incidence-{theta_i_deg:.0}"), incidences::one(&lobe, theta_i_deg)),
         ("fig7-incidences".to_owned(), incidences::many(&lobe)),
         ("fig10-azimuth".to_owned(), azimuth::map_and_cuts(&lobe, theta_i_deg)),
+        ("reciprocity".to_owned(), reciprocity::scene(&map)),
     ];
     let mut written = String::new();
     for (name, scene) in figures {
@@ -53,6 +57,9 @@ pub(crate) fn run(args: &PlotArgs, manners: Manners) -> Outcome {
             written.push_str(&format!("{}\n", path.display()));
         }
     }
+    let numbers = output.join("reciprocity.json");
+    reciprocity::write(&map, &numbers)?;
+    written.push_str(&format!("{}\n", numbers.display()));
     if manners.quiet { Ok(()) } else { terminal::print(&written) }
 }
 
