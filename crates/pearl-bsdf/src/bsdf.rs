@@ -10,6 +10,7 @@ use crate::tabulated::{Exit, Incidence, Tabulated, half_azimuth2};
 use lut_io::axis::Stretched;
 use lut_io::dispersion::Dispersion;
 use lut_io::lobe::Interpolant;
+use lut_io::reciprocal;
 use lut_io::spectra::Spectra;
 use lut_io::table::Table;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -66,6 +67,8 @@ pub struct PearlBsdf {
     tabulated: Tabulated,
     /// Over θi: factor of the closed-form reflection that gives it its share of the light.
     mirror_scale: Box<[f64; NODES]>,
+    /// Of reciprocal tables, over θ: the closed form is multiplied by this at θi, by this at θo, and by cos θo.
+    mirror_ends: Option<Box<[f64; NODES]>>,
     rgb: Colours,
     wavelength_nm: Vec<f64>,
     bands: Vec<Colours>,
@@ -94,6 +97,10 @@ struct Geometry {
     incidence: Incidence,
     exit: Exit,
     at_i: Place,
+    /// θ and sin θ of both, and sin²(φ/2).
+    polar_i: (f64, f64),
+    polar_o: (f64, f64),
+    y2: f64,
 }
 
 /// Which of the two directions the viewer is at.
@@ -114,24 +121,40 @@ impl PearlBsdf {
         let dispersed = Dispersed::of(&table, controls)?.map(Box::new);
         let spectra = Spectra::of(&table.meta)?;
         controls.check_against(&table.meta, spectra.as_ref())?;
+        let light = reciprocal::section(&table.meta)?;
         let facets = Facets::new(&table.meta.surface_model);
         let lobe = Interpolant::new(table);
         let tabulated = Tabulated::new(&lobe);
         let rules = Rules::new();
-        let half_angles = (0..TALLIES).map(|degree| tally_half_angles(&facets, &rules, &tabulated, degree));
+        let mirror_ends = tabulated.is_reciprocal().then(|| mirror_ends(&lobe, &facets, &rules));
+        let ends = mirror_ends.as_deref();
+        let half_angles =
+            (0..TALLIES).map(|degree| tally_half_angles(&facets, &rules, &tabulated, ends, degree));
         let half_angles: HalfAngles = half_angles.collect();
         let palette = Palette::rgb(spectra.as_ref(), &controls);
-        let rgb = Colours::new(&palette, &controls, &lobe, &half_angles);
+        let rgb = Colours::new(&palette, &controls, &lobe, &half_angles, light.as_ref());
         let wavelength_nm = spectra.as_ref().map_or_else(Vec::new, |s| s.wavelength_nm.clone());
         let bands = spectra.iter().flat_map(|spectra| {
             (0..spectra.wavelength_nm.len().div_ceil(3)).map(|group| {
-                Colours::new(&Palette::bands(spectra, &controls, group), &controls, &lobe, &half_angles)
+                let palette = Palette::bands(spectra, &controls, group);
+                Colours::new(&palette, &controls, &lobe, &half_angles, light.as_ref())
             })
         });
         let bands = bands.collect();
         let chances = chances(&rgb, &controls);
         let mirror_scale = mirror_scale(&lobe, &facets, &rules);
-        Ok(Self { controls, facets, tabulated, mirror_scale, rgb, wavelength_nm, bands, chances, dispersed })
+        Ok(Self {
+            controls,
+            facets,
+            tabulated,
+            mirror_scale,
+            mirror_ends,
+            rgb,
+            wavelength_nm,
+            bands,
+            chances,
+            dispersed,
+        })
     }
 
     /// The controls.
@@ -320,7 +343,8 @@ impl PearlBsdf {
             let factor = self.rgb.lobe_factor(at_i, Place::of_cos(cos_d));
             (0..3).for_each(|c| sum[c] += mass * factor[c]);
         };
-        self.facets.integrate(&Rules::new(), cos_i, |mass, cos_d| {
+        self.facets.integrate_exits(&Rules::new(), cos_i, |mass, cos_d, cos_o| {
+            let scale = self.mirror_factor(scale, at_i, cos_o);
             add(&mut mirror, mass * scale, cos_d);
         });
         tabulated_light(&self.tabulated, theta_i, FINE, |cos_d, [interior, rehit]| {
@@ -341,16 +365,33 @@ impl PearlBsdf {
         }
         let ((theta_i, sin_i), (theta_o, sin_o)) = (polar(wi), polar(wo));
         let incidence = self.tabulated.incidence(theta_i, sin_i);
-        let exit = self.tabulated.exit(&incidence, theta_o, sin_o, half_azimuth2(wi, wo));
-        Some(Geometry { half: Half::new(wi, wo), incidence, exit, at_i: Place::of_cos(wi[2]) })
+        let y2 = half_azimuth2(wi, wo);
+        let exit = self.tabulated.exit(&incidence, theta_o, sin_o, y2);
+        Some(Geometry {
+            half: Half::new(wi, wo),
+            incidence,
+            exit,
+            at_i: Place::of_cos(wi[2]),
+            polar_i: (theta_i, sin_i),
+            polar_o: (theta_o, sin_o),
+            y2,
+        })
     }
 
     /// f·cos θo of the lobes short of their colour: mirror and blur.
     #[inline]
     fn lobes(&self, geometry: &Geometry) -> [f64; 2] {
-        let [interior, rehit] = self.tabulated.eval(&geometry.incidence, &geometry.exit);
-        let scale = geometry.at_i.read(&self.mirror_scale);
+        let Geometry { incidence, exit, at_i, polar_i, polar_o, y2, .. } = geometry;
+        let [interior, rehit] = self.tabulated.eval_pair(incidence, exit, *polar_i, *polar_o, *y2);
+        let scale = self.mirror_factor(at_i.read(&self.mirror_scale), *at_i, polar_o.0.cos());
         [rehit + self.facets.reflection(&geometry.half) * scale, interior]
+    }
+
+    /// Factor of the closed-form reflection; `scale` is that of tables that are not reciprocal.
+    #[inline]
+    fn mirror_factor(&self, scale: f64, at_i: Place, cos_o: f64) -> f64 {
+        let Some(ends) = &self.mirror_ends else { return scale };
+        at_i.read(ends) * Place::of_cos(cos_o).read(ends) * cos_o
     }
 
     #[inline]
@@ -496,13 +537,17 @@ fn tally_half_angles(
     facets: &Facets,
     rules: &Rules,
     tabulated: &Tabulated,
+    mirror_ends: Option<&[f64; NODES]>,
     degree: usize,
 ) -> [Box<[f64; NODES]>; 3] {
     // At 90° no light arrives; its limit is what counts.
     let theta_i = (degree as f64).to_radians().min(FRAC_PI_2 - 1e-6);
     let empty = || Box::new([0.0; NODES]);
     let (mut interior, mut surface, mut rehit) = (empty(), empty(), empty());
-    facets.integrate(rules, theta_i.cos(), |mass, cos| Place::of_cos(cos).deposit(mass, &mut surface));
+    facets.integrate_exits(rules, theta_i.cos(), |mass, cos, cos_o| {
+        let seen = mirror_ends.map_or(1.0, |ends| Place::of_cos(cos_o).read(ends) * cos_o);
+        Place::of_cos(cos).deposit(mass * seen, &mut surface);
+    });
     tabulated_light(tabulated, theta_i, COARSE, |cos, [a, b]| {
         Place::of_cos(cos).deposit(a, &mut interior);
         Place::of_cos(cos).deposit(b, &mut rehit);
@@ -559,7 +604,7 @@ fn tabulated_light(
         for &(phi, weight_phi) in walked.iter().chain(&decayed).flatten() {
             let y2 = (0.5 * phi).sin().powi(2);
             let exit = tabulated.exit(&incidence, theta_o, sin_o, y2);
-            let light = tabulated.eval(&incidence, &exit);
+            let light = tabulated.eval_pair(&incidence, &exit, (theta_i, sin_i), (theta_o, sin_o), y2);
             // Both sides of the plane of incidence.
             let weight = 2.0 * weight_o * weight_phi * sin_o;
             // wi·wo = cos θi cos θo − sin θi sin θo cos φ.
@@ -595,6 +640,49 @@ fn mirror_scale(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Box<[f64;
         }
     }
     scale
+}
+
+/// The curve r for which r(θi)·r(θo)·cos θo·[`Facets::reflection`] has the single reflection's share at every θi: the closed form
+/// made reciprocal (symmetric scaling, as in [`lut_io::reciprocal`]).
+fn mirror_ends(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Box<[f64; NODES]> {
+    const ROUNDS: usize = 200;
+    const SCALED: f64 = 1e-9;
+    let pieces: Vec<Vec<(f64, Place)>> = (0..NODES)
+        .map(|node| {
+            let mut pieces = Vec::new();
+            facets.integrate_exits(rules, curve::cos_at(node), |mass, _, cos_o| {
+                if mass > 0.0 && cos_o > 0.0 {
+                    pieces.push((mass * cos_o, Place::of_cos(cos_o)));
+                }
+            });
+            pieces
+        })
+        .collect();
+    let share: Vec<f64> =
+        (0..NODES).map(|node| colour::single_reflection_share(lobe, curve::theta_at(node))).collect();
+    let mut ends = Box::new([1.0; NODES]);
+    for _ in 0..ROUNDS {
+        let mut worst = 0f64;
+        let factor: Vec<f64> = pieces
+            .iter()
+            .zip(&share)
+            .enumerate()
+            .map(|(node, (pieces, share))| {
+                let light: f64 =
+                    pieces.iter().map(|(mass, at)| mass * at.read(&ends)).sum::<f64>() * ends[node];
+                if light <= 0.0 || *share <= 0.0 {
+                    return 0.0;
+                }
+                worst = worst.max((share / light - 1.0).abs());
+                (share / light).sqrt()
+            })
+            .collect();
+        ends.iter_mut().zip(factor).for_each(|(end, factor)| *end *= factor);
+        if worst < SCALED {
+            break;
+        }
+    }
+    ends
 }
 
 /// Probabilities of the four techniques: the albedos of what is shown.

@@ -102,6 +102,11 @@ impl Facets {
 
     /// ∫ [`Self::reflection`] over the exit hemisphere, handed out piece by piece as (mass, cos θd).
     pub(crate) fn integrate(&self, rules: &Rules, cos_i: f64, mut visit: impl FnMut(f64, f64)) {
+        self.integrate_exits(rules, cos_i, |mass, cos, _| visit(mass, cos));
+    }
+
+    /// The same with cos θo: (mass, cos θd, cos θo).
+    pub(crate) fn integrate_exits(&self, rules: &Rules, cos_i: f64, mut visit: impl FnMut(f64, f64, f64)) {
         let sin_i = (1.0 - cos_i * cos_i).max(0.0).sqrt();
         let q_end = (FAR * self.sigma).min(1.0 / cos_i.max(1e-300));
         for &(x, weight) in &rules.across {
@@ -120,7 +125,8 @@ impl Facets {
                 let cos = (projected / slant.sqrt()).clamp(0.0, 1.0);
                 let seen = if self.visible { projected } else { 1.0 };
                 let mass = 0.5 * (hi - lo) * weight * across * self.slope_density(p) * seen;
-                visit(mass * self.fresnel(cos), cos);
+                // wo = 2(wi·m)m − wi.
+                visit(mass * self.fresnel(cos), cos, (2.0 * projected / slant - cos_i).max(0.0));
             }
         }
     }

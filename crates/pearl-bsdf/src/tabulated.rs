@@ -17,6 +17,7 @@ use crate::warp::{Cell, Warp};
 use lut_io::axis::ExitAxis;
 use lut_io::decay;
 use lut_io::lobe::Interpolant;
+use lut_io::reciprocal;
 use lut_io::table::{Component, Table};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -53,6 +54,8 @@ impl Cap {
 #[derive(Clone, Debug)]
 pub(crate) struct Tabulated {
     axis: ExitAxis,
+    /// Whether the table is read at the larger of both angles ([`lut_io::reciprocal`]).
+    reciprocal: bool,
     /// Angles of incidence, radians.
     theta: Vec<f64>,
     /// w of the decay postulate at each incidence, radians.
@@ -153,6 +156,7 @@ impl Tabulated {
         }
         let mut this = Self {
             axis,
+            reciprocal: reciprocal::is_reciprocal(&table.meta),
             theta,
             width,
             columns: axis.columns(),
@@ -298,6 +302,30 @@ impl Tabulated {
                 }
             }
         }
+    }
+
+    /// Whether the table is a reciprocal one.
+    pub(crate) const fn is_reciprocal(&self) -> bool {
+        self.reciprocal
+    }
+
+    /// f·cos θo in 1/sr of both components of a pair of angles (each with its sine), in reciprocal tables read at the larger one.
+    #[inline]
+    pub(crate) fn eval_pair(
+        &self,
+        at: &Incidence,
+        exit: &Exit,
+        (theta_i, sin_i): (f64, f64),
+        (theta_o, sin_o): (f64, f64),
+        y2: f64,
+    ) -> [f64; 2] {
+        if !self.reciprocal || theta_o <= theta_i {
+            return self.eval(at, exit);
+        }
+        let larger = self.incidence(theta_o, sin_o);
+        let back = self.exit(&larger, theta_i, sin_i, y2);
+        let taken_over = theta_o.cos() / theta_i.cos();
+        self.eval(&larger, &back).map(|f| f * taken_over)
     }
 
     /// f·cos θo in 1/sr of both components, the albedo restored.

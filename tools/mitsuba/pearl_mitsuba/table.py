@@ -143,9 +143,45 @@ class Table:
         return np.where(integral > 0.0, share / np.where(integral > 0.0, integral, 1.0), 0.0)
 
     @cached_property
+    def reciprocal(self):
+        """Whether the table is read at the larger of both angles (docs/LUT-FORMAT.md §12)."""
+        return "reciprocal" in self.meta
+
+    @cached_property
+    def mirror_ends(self):
+        """Over the nodes of `curves`, of reciprocal tables: r for which the closed-form reflection times r(θi)·r(θo)·cos θo has its
+        share of the light at every θi (symmetric scaling)."""
+        share = self.albedo[1](curves.THETA)
+        masses, index, fraction = [], [], []
+        for cos in curves.COS:
+            mass, _, cos_o = self.facets.integrate_exits(cos)
+            masses.append(mass * cos_o)
+            at, t = curves.place(cos_o)
+            index.append(at.astype(np.int32))
+            fraction.append(t)
+        masses, index, fraction = np.array(masses), np.array(index), np.array(fraction)
+        ends = np.ones(curves.NODES)
+        for _ in range(200):
+            read = ends[index] + fraction * (ends[index + 1] - ends[index])
+            light = ends * (masses * read).sum(axis=1)
+            lit = (light > 0.0) & (share > 0.0)
+            ratio = np.where(lit, share / np.where(lit, light, 1.0), 0.0)
+            ends *= np.sqrt(ratio)
+            if np.abs(ratio[lit] - 1.0).max(initial=0.0) < 1e-9:
+                break
+        return ends
+
+    @cached_property
     def albedos(self):
         """Albedo at the nodes of `curves` of interior, surface and rehit, brightness 1 and no interference."""
-        return np.array([albedo(curves.THETA) for albedo in self.albedo])
+        albedos = np.array([albedo(curves.THETA) for albedo in self.albedo])
+        if self.reciprocal:
+            # Read at the larger angle the lobes send back a little more or less than their albedo.
+            section = self.meta["reciprocal"]
+            for lobe, key in ((0, "interior_light"), (2, "rehit_light")):
+                light = np.array(section[key], float)
+                albedos[lobe] *= np.interp(curves.THETA, np.linspace(0.0, HALF_PI, len(light)), light)
+        return albedos
 
     def coloured_albedos(self, factor):
         """The same where the light at half-vector angle θd is multiplied by factor[node, channel]."""
@@ -162,7 +198,9 @@ class Table:
             # At 90° no light arrives; its limit is what counts.
             theta_i = min(np.radians(degree), HALF_PI - 1e-6)
             cos_d, light = self._tabulated_light(theta_i)
-            mass, cos = self.facets.integrate(np.cos(theta_i))
+            mass, cos, cos_o = self.facets.integrate_exits(np.cos(theta_i))
+            if self.reciprocal:
+                mass = mass * cos_o * np.interp(np.arccos(cos_o), curves.THETA, self.mirror_ends)
             for tally, masses, at in zip(tallies, (light[0], mass, light[1]), (cos_d, cos, cos_d)):
                 index, fraction = curves.place(at)
                 tally[degree] += np.bincount(index, (1.0 - fraction) * masses, curves.NODES)
