@@ -1,12 +1,13 @@
 //! The BSDF itself.
 
 use crate::Direction;
+use crate::angles::{Polar, half_azimuth2};
 use crate::colour::{self, Angles, Colours, HalfAngles, Palette, TALLIES};
 use crate::controls::{BsdfError, Components, Controls};
 use crate::curve::{self, NODES, Place};
-use crate::facets::{self, Facets, Half, Rules};
+use crate::facets::{Facets, Half, Rules};
 use crate::quadrature::gauss_legendre;
-use crate::tabulated::{Exit, Incidence, Tabulated, half_azimuth2};
+use crate::tabulated::{Exit, Incidence, Tabulated};
 use lut_io::axis::Stretched;
 use lut_io::dispersion::Dispersion;
 use lut_io::lobe::Interpolant;
@@ -97,9 +98,9 @@ struct Geometry {
     incidence: Incidence,
     exit: Exit,
     at_i: Place,
-    /// θ and sin θ of both, and sin²(φ/2).
-    polar_i: (f64, f64),
-    polar_o: (f64, f64),
+    polar_i: Polar,
+    polar_o: Polar,
+    /// sin²(φ/2).
     y2: f64,
 }
 
@@ -280,13 +281,18 @@ impl PearlBsdf {
     #[must_use]
     pub fn eval_pdf(&self, wi: Direction, wo: Direction) -> (Evaluation, f64) {
         let Some(geometry) = self.geometry(wi, wo) else { return (Evaluation::default(), 0.0) };
+        self.value_and_density(&geometry, wi, wo)
+    }
+
+    #[inline]
+    fn value_and_density(&self, geometry: &Geometry, wi: Direction, wo: Direction) -> (Evaluation, f64) {
         if self.dispersed.is_some() {
             // The lobe at the table's own wavelength is what is sampled.
-            return (self.eval(wi, wo), self.density(&geometry, wi, wo));
+            return (self.eval(wi, wo), self.density(geometry, wi, wo));
         }
         (
-            self.shade(&self.rgb, &geometry, self.lobes(&geometry), wo, Viewer::AtExit),
-            self.density(&geometry, wi, wo),
+            self.shade(&self.rgb, geometry, self.lobes(geometry), wo, Viewer::AtExit),
+            self.density(geometry, wi, wo),
         )
     }
 
@@ -299,17 +305,20 @@ impl PearlBsdf {
         }
         let chances = self.chances(Place::of_cos(wi[2]));
         let (part, select) = choose(&chances, u1)?;
+        let polar = Polar::of(wi);
+        let incidence = self.tabulated.incidence(&polar);
         let wo = match part {
-            SURFACE => self.facets.sample(wi, u2, u3)?,
+            SURFACE => self.facets.sample(wi, polar.azimuth, u2, u3)?,
             BASE => cosine_hemisphere(u2, u3),
             _ => {
-                let (theta_i, sin_i) = polar(wi);
-                let incidence = self.tabulated.incidence(theta_i, sin_i);
-                let (theta_o, phi) = self.tabulated.sample(part, &incidence, select, u2, u3)?;
-                direction(wi, theta_o, phi)
+                let (theta_o, around) = self.tabulated.sample(part, &incidence, select, u2, u3)?;
+                direction(polar.azimuth, theta_o, around)
             }
         };
-        let (value, pdf) = self.eval_pdf(wi, wo);
+        if !above_horizon(wo) {
+            return None;
+        }
+        let (value, pdf) = self.value_and_density(&self.geometry_at(wi, polar, incidence, wo), wi, wo);
         (pdf > 0.0 && pdf.is_finite()).then_some(Sample { wo, pdf, value })
     }
 
@@ -363,27 +372,26 @@ impl PearlBsdf {
         if !(above_horizon(wi) && above_horizon(wo)) {
             return None;
         }
-        let ((theta_i, sin_i), (theta_o, sin_o)) = (polar(wi), polar(wo));
-        let incidence = self.tabulated.incidence(theta_i, sin_i);
-        let y2 = half_azimuth2(wi, wo);
-        let exit = self.tabulated.exit(&incidence, theta_o, sin_o, y2);
-        Some(Geometry {
-            half: Half::new(wi, wo),
-            incidence,
-            exit,
-            at_i: Place::of_cos(wi[2]),
-            polar_i: (theta_i, sin_i),
-            polar_o: (theta_o, sin_o),
-            y2,
-        })
+        let polar_i = Polar::of(wi);
+        Some(self.geometry_at(wi, polar_i, self.tabulated.incidence(&polar_i), wo))
+    }
+
+    /// The geometry of an incidence that is known.
+    #[inline]
+    fn geometry_at(&self, wi: Direction, polar_i: Polar, incidence: Incidence, wo: Direction) -> Geometry {
+        let polar_o = Polar::of(wo);
+        let y2 = half_azimuth2(&polar_i, &polar_o);
+        let exit = self.tabulated.exit(&incidence, polar_o.theta, polar_o.sin, y2);
+        let half = Half::new(wi, wo, polar_i.azimuth);
+        Geometry { half, incidence, exit, at_i: Place::of_cos(wi[2]), polar_i, polar_o, y2 }
     }
 
     /// f·cos θo of the lobes short of their colour: mirror and blur.
     #[inline]
     fn lobes(&self, geometry: &Geometry) -> [f64; 2] {
         let Geometry { incidence, exit, at_i, polar_i, polar_o, y2, .. } = geometry;
-        let [interior, rehit] = self.tabulated.eval_pair(incidence, exit, *polar_i, *polar_o, *y2);
-        let scale = self.mirror_factor(at_i.read(&self.mirror_scale), *at_i, polar_o.0.cos());
+        let [interior, rehit] = self.tabulated.eval_pair(incidence, exit, polar_i, polar_o, *y2);
+        let scale = self.mirror_factor(at_i.read(&self.mirror_scale), *at_i, polar_o.cos);
         [rehit + self.facets.reflection(&geometry.half) * scale, interior]
     }
 
@@ -491,19 +499,9 @@ fn above_horizon([x, y, z]: Direction) -> bool {
     z > 0.0 && (0.81..1.21).contains(&(x * x + y * y + z * z))
 }
 
-/// θ and sin θ.
-#[inline]
-fn polar(w: Direction) -> (f64, f64) {
-    let sin = (w[0] * w[0] + w[1] * w[1]).sqrt().min(1.0);
-    // From whichever of the two keeps its digits.
-    (if w[2] > 0.7 { sin.asin() } else { w[2].acos() }, sin)
-}
-
-/// The direction at θo and at azimuth φ from the mirror direction of wi.
-fn direction(wi: Direction, theta_o: f64, phi: f64) -> Direction {
-    let (along, across) = facets::azimuth(wi);
+/// The direction at θo and at azimuth φ (cos, sin) from the mirror direction of wi, whose own azimuth is given.
+fn direction((along, across): (f64, f64), theta_o: f64, (cos_phi, sin_phi): (f64, f64)) -> Direction {
     let (sin_o, cos_o) = theta_o.sin_cos();
-    let (sin_phi, cos_phi) = phi.sin_cos();
     [sin_o * (-cos_phi * along - sin_phi * across), sin_o * (-cos_phi * across + sin_phi * along), cos_o]
 }
 
@@ -585,8 +583,9 @@ fn tabulated_light(
     points: Points,
     mut visit: impl FnMut(f64, [f64; 2]),
 ) {
-    let (sin_i, cos_i) = theta_i.sin_cos();
-    let incidence = tabulated.incidence(theta_i, sin_i);
+    let i = Polar::at(theta_i);
+    let (sin_i, cos_i) = (i.sin, i.cos);
+    let incidence = tabulated.incidence(&i);
     let axis = tabulated.axis();
     let rules: Vec<_> = (1..=MOST_POINTS).map(gauss_legendre).collect();
     // |s| covers the plane's cells of both signs with one set of exits.
@@ -595,7 +594,8 @@ fn tabulated_light(
     exits.push(0.0);
     let walked = axis.phi_at(theta_i).map(|phi| rule_between(kinks(&phi), &rules, points.azimuth));
     for (theta_o, weight_o) in rule_between(exits, &rules, points.exit) {
-        let (sin_o, cos_o) = theta_o.sin_cos();
+        let o = Polar::at(theta_o);
+        let (sin_o, cos_o) = (o.sin, o.cos);
         let decayed = walked.is_none().then(|| {
             let width = tabulated.decay_width(&incidence, sin_o);
             let around = Stretched { lo: 0.0, centre: 0.0, hi: PI, width, cells: 14 };
@@ -604,7 +604,7 @@ fn tabulated_light(
         for &(phi, weight_phi) in walked.iter().chain(&decayed).flatten() {
             let y2 = (0.5 * phi).sin().powi(2);
             let exit = tabulated.exit(&incidence, theta_o, sin_o, y2);
-            let light = tabulated.eval_pair(&incidence, &exit, (theta_i, sin_i), (theta_o, sin_o), y2);
+            let light = tabulated.eval_pair(&incidence, &exit, &i, &o, y2);
             // Both sides of the plane of incidence.
             let weight = 2.0 * weight_o * weight_phi * sin_o;
             // wi·wo = cos θi cos θo − sin θi sin θo cos φ.
