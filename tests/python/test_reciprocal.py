@@ -81,7 +81,24 @@ def test_the_checks_judge_it_and_the_bake_repeats_it(table):
     finding = next(check for check in said["checks"] if check["check"] == "reciprocity")
     assert finding["pass"] is True and finding["worst"] <= 1e-5
     run("bake-brdf", "--reproduce", table)
-    run("pearl", "furnace", table, "--body-rgb", "1,1,1")
+
+
+@pytest.mark.parametrize("look", [[], ["--depth", "0", "--coherence", "0"], ["--depth", "0", "--coherence", "1"]])
+def test_a_white_furnace_stays_white(table, look):
+    """Read at the larger angle the lobes send back up to 0.2 % more or less than their albedo; the base makes up for it."""
+    said = run("pearl", "furnace", table, "--body-rgb", "1,1,1", "--tint-rgb", "1,1,1", "--steps", 73, "--json", *look).stdout
+    albedos = [albedo for row in json.loads(said)["per_incidence"] for albedo in row["albedo"]]
+    assert max(albedos) <= 1.0 + 1e-4
+    if look:
+        assert min(albedos) >= 1.0 - 3e-4
+
+
+def test_a_table_of_several_bands_is_refused(tmp_path):
+    out = tmp_path / "out.exr"
+    recipe = ROOT / "data" / "recipes" / "golden.json"
+    arguments = [recipe, "--solver", "doubling", "--accuracy", 5, "--incident-deg", "0:90:30", "--reciprocal", "-q", "-o", out]
+    done = run("bake-brdf", *arguments, expect=2)
+    assert "dispersion" in done.stderr and len(done.stderr.splitlines()) == 1 and not out.exists()
 
 
 def test_the_map_of_the_defect_tells_a_reciprocal_table_from_another(table, tmp_path):

@@ -37,20 +37,20 @@ pub struct Section {
     pub moved_percent: f64,
     /// Largest relative difference between the reflected light as read at the larger angle and its albedo, per cent.
     pub albedo_percent: f64,
-    /// Light of the interior lobe as read over its albedo, at [`STEPS`] equal steps of θi from 0 to 90°.
-    pub interior_light: Vec<f64>,
+    /// Light of the interior lobe as read, less its albedo, at [`STEPS`] equal steps of θi from 0 to 90°.
+    pub interior_gain: Vec<f64>,
     /// The same of the rehit lobe.
-    pub rehit_light: Vec<f64>,
+    pub rehit_gain: Vec<f64>,
 }
 
 impl Section {
-    /// Light of interior and rehit as read over their albedos at θi (radians), linear between the steps.
+    /// Light of interior and rehit as read, less their albedos, at θi (radians): linear between the steps.
     #[must_use]
-    pub fn light(&self, theta_i: f64) -> [f64; 2] {
+    pub fn gain(&self, theta_i: f64) -> [f64; 2] {
         let step = (theta_i / FRAC_PI_2).clamp(0.0, 1.0) * STEPS as f64;
         let k = (step as usize).min(STEPS - 1);
         let t = step - k as f64;
-        [&self.interior_light, &self.rehit_light].map(|light| light[k] * (1.0 - t) + light[k + 1] * t)
+        [&self.interior_gain, &self.rehit_gain].map(|gain| gain[k] * (1.0 - t) + gain[k + 1] * t)
     }
 }
 
@@ -71,10 +71,9 @@ pub fn section(meta: &Meta) -> Result<Option<Section>, Flaw> {
     let Some(value) = meta.extra.get(KEY) else { return Ok(None) };
     let section: Section =
         serde_json::from_value(value.clone()).map_err(|error| Flaw::new(KEY, error.to_string()))?;
-    for (name, light) in [("interior_light", &section.interior_light), ("rehit_light", &section.rehit_light)]
-    {
-        if light.len() != STEPS + 1 || light.iter().any(|share| !(0.0..=2.0).contains(share)) {
-            let problem = format!("{name}: expected {} numbers from 0 to 2", STEPS + 1);
+    for (name, gain) in [("interior_gain", &section.interior_gain), ("rehit_gain", &section.rehit_gain)] {
+        if gain.len() != STEPS + 1 || gain.iter().any(|share| !(-1.0..=1.0).contains(share)) {
+            let problem = format!("{name}: expected {} numbers from -1 to 1", STEPS + 1);
             return Err(Flaw::new(KEY, problem));
         }
     }
@@ -128,8 +127,8 @@ pub fn symmetrised(table: &Table) -> Result<Table, Flaw> {
     let unread = Section {
         moved_percent: 0.0,
         albedo_percent: 0.0,
-        interior_light: vec![1.0; STEPS + 1],
-        rehit_light: vec![1.0; STEPS + 1],
+        interior_gain: vec![0.0; STEPS + 1],
+        rehit_gain: vec![0.0; STEPS + 1],
     };
     store(&mut symmetric.meta, &unread)?;
     let read = Interpolant::new(symmetric);
@@ -140,8 +139,8 @@ pub fn symmetrised(table: &Table) -> Result<Table, Flaw> {
     let section = Section {
         moved_percent: crate::diff::diff(&before, &read).worst_total_variation_percent,
         albedo_percent: 100.0 * light.iter().map(|[_, _, all]| (all - 1.0).abs()).fold(0.0, f64::max),
-        interior_light: light.iter().map(|[interior, ..]| *interior).collect(),
-        rehit_light: light.iter().map(|[_, rehit, _]| *rehit).collect(),
+        interior_gain: light.iter().map(|[interior, ..]| *interior).collect(),
+        rehit_gain: light.iter().map(|[_, rehit, _]| *rehit).collect(),
     };
     let mut symmetric = read.table().clone();
     store(&mut symmetric.meta, &section)?;
@@ -358,8 +357,7 @@ fn restate_moments(table: &mut Table) {
     }
 }
 
-/// Light as read at the larger angle over its albedo, at one θi: of interior, of rehit, and of both together with the surface's
-/// own (1 where there is none).
+/// Light as read at the larger angle less its albedo, at one θi: of interior and of rehit, and all light over all albedo.
 fn light_as_read(lobe: &Interpolant, theta_i: f64) -> [f64; 3] {
     // At 90° itself no light arrives.
     let theta_i = theta_i.min(GRAZING_DEG.to_radians());
@@ -381,10 +379,9 @@ fn light_as_read(lobe: &Interpolant, theta_i: f64) -> [f64; 3] {
         }
     }
     let albedo = [Component::Interior, Component::Rehit].map(|component| lobe.albedo(component, theta_i));
-    let over = |light: f64, albedo: f64| if albedo > 1e-9 { light / albedo } else { 1.0 };
+    let gain = [light[0] - albedo[0], light[1] - albedo[1]];
     let all = lobe.albedo(Component::Interior, theta_i) + lobe.albedo(Component::Surface, theta_i);
-    let gained = (light[0] - albedo[0]) + (light[1] - albedo[1]);
-    [over(light[0], albedo[0]), over(light[1], albedo[1]), over(all + gained, all)]
+    [gain[0], gain[1], if all > 0.0 { 1.0 + (gain[0] + gain[1]) / all } else { 1.0 }]
 }
 
 /// Integral over the azimuth of a channel as a row is read, at one exit angle.

@@ -142,11 +142,11 @@ impl Colours {
         {
             for (node, channels) in share.iter_mut().enumerate() {
                 let theta = curve::theta_at(node);
-                let [interior, rehit] = light.map_or([1.0; 2], |section| section.light(theta));
+                let [interior, rehit] = light.map_or([0.0; 2], |section| section.gain(theta));
                 let albedo = match component {
-                    Component::Interior => interior * lobe.albedo(component, theta),
+                    Component::Interior => (lobe.albedo(component, theta) + interior).max(0.0),
                     Component::Surface => single_reflection_share(lobe, theta),
-                    Component::Rehit => rehit * lobe.albedo(component, theta),
+                    Component::Rehit => (lobe.albedo(component, theta) + rehit).max(0.0),
                 };
                 *channels = channels.map(|mean| mean.max(0.0) * albedo);
             }

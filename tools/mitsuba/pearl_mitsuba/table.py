@@ -178,9 +178,10 @@ class Table:
         if self.reciprocal:
             # Read at the larger angle the lobes send back a little more or less than their albedo.
             section = self.meta["reciprocal"]
-            for lobe, key in ((0, "interior_light"), (2, "rehit_light")):
-                light = np.array(section[key], float)
-                albedos[lobe] *= np.interp(curves.THETA, np.linspace(0.0, HALF_PI, len(light)), light)
+            for lobe, key in ((0, "interior_gain"), (2, "rehit_gain")):
+                gain = np.array(section[key], float)
+                albedos[lobe] += np.interp(curves.THETA, np.linspace(0.0, HALF_PI, len(gain)), gain)
+            albedos = np.maximum(albedos, 0.0)
         return albedos
 
     def coloured_albedos(self, factor):
