@@ -114,9 +114,9 @@ def content_hash(binary, wanted, further):
 def merge(lut, folder, shards, content, output):
     """Makes the table of all shards; `lut` writes it whole or not at all, and only of shards of this content."""
     paths = []
-    for index, content in shards.items():
+    for index, shard in shards.items():
         paths.append(pathlib.Path(folder) / f"{index}.shard")
-        paths[-1].write_bytes(content)
+        paths[-1].write_bytes(shard)
     done = subprocess.run([lut, "merge", *paths, "--content-hash", content, "-o", output], capture_output=True, text=True)
     for path in paths:
         path.unlink()
