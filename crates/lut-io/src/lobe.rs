@@ -11,6 +11,8 @@
 //!    albedo, itself interpolated by a monotone cubic in θi. At a θi of the table the factor differs from 1 by
 //!    the rounding of the file only.
 //!
+//! A reciprocal table ([`crate::reciprocal`]) is read at the larger of θi and θo, the result taken over to the other by cos θo/cos θi.
+//!
 //! The integral that step 4 divides by is Σ v·W with the weights W of [`crate::measure`] at the θi asked for. For
 //! each of the two rows it is computed when an [`Interpolant`] is made, at every incidence and at steps of at most
 //! 0.5° between (shorter near 0 and 90°), and is linear between those: of a row that stays while the axis moves, only
@@ -20,6 +22,7 @@ use crate::axis::Stretched;
 use crate::decay;
 use crate::measure::{self, neighbours};
 use crate::monotone::Monotone;
+use crate::reciprocal;
 use crate::table::{Component, IncidenceSummary, Table};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::sync::Arc;
@@ -36,6 +39,7 @@ const MIN_STEPS: usize = 4;
 #[derive(Clone, Debug)]
 pub struct Interpolant {
     table: Arc<Table>,
+    reciprocal: bool,
     theta_i: Vec<f64>,
     /// w of the decay postulate at each incidence, radians.
     azimuth_width: Vec<f64>,
@@ -57,6 +61,7 @@ struct Span {
 /// A table at one angle of incidence.
 #[derive(Clone, Debug)]
 pub struct Row<'t> {
+    of: &'t Interpolant,
     table: &'t Table,
     theta_i: f64,
     azimuth_width: f64,
@@ -79,7 +84,8 @@ impl Interpolant {
         let azimuth_width = per_incidence.iter().map(|s| s.azimuth_width_deg.to_radians()).collect();
         let share = |component| per_incidence.iter().map(|s: &IncidenceSummary| s.share(component)).collect();
         let albedo = Component::ALL.map(|component| Monotone::new(theta_i.clone(), share(component)));
-        let mut this = Self { table, theta_i, azimuth_width, albedo, spans: Vec::new() };
+        let reciprocal = reciprocal::is_reciprocal(&table.meta);
+        let mut this = Self { table, reciprocal, theta_i, azimuth_width, albedo, spans: Vec::new() };
         let steps = steps(this.table.meta.exit_axis.width());
         this.spans =
             span_ends(&this.theta_i).windows(2).map(|ends| this.span(ends[0], ends[1], &steps)).collect();
@@ -159,6 +165,7 @@ impl Interpolant {
     fn uncorrected_row(&self, theta_i: f64) -> Row<'_> {
         let axis = &self.table.meta.exit_axis;
         Row {
+            of: self,
             table: &self.table,
             theta_i,
             azimuth_width: self.azimuth_width(theta_i),
@@ -219,14 +226,26 @@ impl Row<'_> {
     #[must_use]
     pub fn eval(&self, component: Component, theta_o: f64, phi: f64) -> f64 {
         let samples = &self.table.lobe(component).value;
-        self.correction(component) * self.read(samples, theta_o, phi)
+        self.at_larger_angle(theta_o, |row, theta_o| {
+            row.correction(component) * row.read(samples, theta_o, phi)
+        })
+    }
+
+    /// What `read` finds at an exit angle; in reciprocal tables at the larger of the two angles.
+    fn at_larger_angle(&self, theta_o: f64, read: impl Fn(&Self, f64) -> f64) -> f64 {
+        if !self.of.reciprocal || theta_o <= self.theta_i {
+            return read(self, theta_o);
+        }
+        read(&self.of.row(theta_o), self.theta_i) * theta_o.cos() / self.theta_i.cos()
     }
 
     /// Standard error of [`Self::eval`], taken as fully correlated between neighbouring cells: an upper bound.
     #[must_use]
     pub fn std_error(&self, component: Component, theta_o: f64, phi: f64) -> f64 {
         let samples = &self.table.lobe(component).std_error;
-        self.correction(component) * self.read(samples, theta_o, phi)
+        self.at_larger_angle(theta_o, |row, theta_o| {
+            row.correction(component) * row.read(samples, theta_o, phi)
+        })
     }
 
     /// A channel of the table read by the rule above, without the correction.

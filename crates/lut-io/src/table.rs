@@ -271,6 +271,7 @@ impl Meta {
         share("accuracy.interpolation_percent", self.accuracy.interpolation_percent)?;
         BothSides::of(self)?;
         Dispersion::of(self)?;
+        crate::reciprocal::section(self)?;
         Spectra::of(self).map(|_| ())
     }
 

@@ -1,5 +1,6 @@
 //! The decay postulate for evaluation and sampling, in y = |sin(φ/2)|, which keeps its digits for narrow lobes.
 
+use crate::angles::ln;
 use std::f64::consts::TAU;
 
 const INVERSE_TAU: f64 = 1.0 / TAU;
@@ -10,6 +11,11 @@ pub(crate) fn decay(x: f64, y2: f64) -> f64 {
     // D = e^{−2xy²}·(1 − e^{−2x(1−y²)})/(1 − e^{−2x}).
     if x < 1e-9 {
         return 1.0 - y2;
+    }
+    if x > 0.5 {
+        // The same short of a common factor: two exponentials. What cancels near 180° is small beside 1 − D.
+        let all = (-2.0 * x).exp();
+        return ((-2.0 * x * y2).exp() - all).max(0.0) / (1.0 - all);
     }
     (-2.0 * x * y2).exp() * one_minus_exp(2.0 * x * (1.0 - y2)) / one_minus_exp(2.0 * x)
 }
@@ -54,17 +60,19 @@ impl Forward {
         (1.0 - self.narrow) * INVERSE_TAU + self.narrow * 0.25 * cos_half * self.k * sech2 / self.tanh_k
     }
 
-    /// φ ∈ [−π, π].
-    pub(crate) fn sample(&self, u: f64) -> f64 {
+    /// φ ∈ [−π, π], as (cos φ, sin φ).
+    pub(crate) fn sample(&self, u: f64) -> (f64, f64) {
         // The sign from one half of u, the branch from what is left.
         let (sign, u) = if u < 0.5 { (1.0, 2.0 * u) } else { (-1.0, 2.0 * u - 1.0) };
         if u >= self.narrow {
             let v = (u - self.narrow) / (1.0 - self.narrow).max(f64::MIN_POSITIVE);
-            return sign * std::f64::consts::PI * v.min(1.0);
+            let (sin, cos) = (std::f64::consts::PI * v.min(1.0)).sin_cos();
+            return (cos, sign * sin);
         }
         let t = (u / self.narrow * self.tanh_k).min(1.0 - 1e-16);
-        let y = (t.atanh() / self.k).min(1.0);
-        sign * 2.0 * y.asin()
+        let y = (0.5 * ln((1.0 + t) / (1.0 - t)) / self.k).clamp(0.0, 1.0);
+        // y = sin(φ/2).
+        (1.0 - 2.0 * y * y, sign * 2.0 * y * (1.0 - y * y).sqrt())
     }
 }
 
@@ -96,7 +104,10 @@ mod tests {
             // Distribution function of the stratified samples against the integral of the density.
             for limit in [0.05 / (1.0 + x).sqrt(), 0.5 / (1.0 + x).sqrt(), 1.0 / (1.0 + x).sqrt(), 2.0] {
                 let within = (0..n)
-                    .filter(|i| forward.sample((f64::from(*i) + 0.5) / f64::from(n)).abs() < limit)
+                    .filter(|i| {
+                        let (cos, sin) = forward.sample((f64::from(*i) + 0.5) / f64::from(n));
+                        sin.abs().atan2(cos) < limit
+                    })
                     .count() as f64
                     / f64::from(n);
                 let m = 4000;

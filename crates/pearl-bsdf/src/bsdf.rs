@@ -1,15 +1,17 @@
 //! The BSDF itself.
 
 use crate::Direction;
+use crate::angles::{Polar, half_azimuth2};
 use crate::colour::{self, Angles, Colours, HalfAngles, Palette, TALLIES};
 use crate::controls::{BsdfError, Components, Controls};
 use crate::curve::{self, NODES, Place};
-use crate::facets::{self, Facets, Half, Rules};
+use crate::facets::{Facets, Half, Rules};
 use crate::quadrature::gauss_legendre;
-use crate::tabulated::{Exit, Incidence, Tabulated, half_azimuth2};
+use crate::tabulated::{Exit, Incidence, Tabulated};
 use lut_io::axis::Stretched;
 use lut_io::dispersion::Dispersion;
 use lut_io::lobe::Interpolant;
+use lut_io::reciprocal;
 use lut_io::spectra::Spectra;
 use lut_io::table::Table;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -66,6 +68,8 @@ pub struct PearlBsdf {
     tabulated: Tabulated,
     /// Over θi: factor of the closed-form reflection that gives it its share of the light.
     mirror_scale: Box<[f64; NODES]>,
+    /// Of reciprocal tables, over θ: the closed form is multiplied by this at θi, by this at θo, and by cos θo.
+    mirror_ends: Option<Box<[f64; NODES]>>,
     rgb: Colours,
     wavelength_nm: Vec<f64>,
     bands: Vec<Colours>,
@@ -94,6 +98,10 @@ struct Geometry {
     incidence: Incidence,
     exit: Exit,
     at_i: Place,
+    polar_i: Polar,
+    polar_o: Polar,
+    /// sin²(φ/2).
+    y2: f64,
 }
 
 /// Which of the two directions the viewer is at.
@@ -114,24 +122,40 @@ impl PearlBsdf {
         let dispersed = Dispersed::of(&table, controls)?.map(Box::new);
         let spectra = Spectra::of(&table.meta)?;
         controls.check_against(&table.meta, spectra.as_ref())?;
+        let light = reciprocal::section(&table.meta)?;
         let facets = Facets::new(&table.meta.surface_model);
         let lobe = Interpolant::new(table);
         let tabulated = Tabulated::new(&lobe);
         let rules = Rules::new();
-        let half_angles = (0..TALLIES).map(|degree| tally_half_angles(&facets, &rules, &tabulated, degree));
+        let mirror_ends = tabulated.is_reciprocal().then(|| mirror_ends(&lobe, &facets, &rules));
+        let ends = mirror_ends.as_deref();
+        let half_angles =
+            (0..TALLIES).map(|degree| tally_half_angles(&facets, &rules, &tabulated, ends, degree));
         let half_angles: HalfAngles = half_angles.collect();
         let palette = Palette::rgb(spectra.as_ref(), &controls);
-        let rgb = Colours::new(&palette, &controls, &lobe, &half_angles);
+        let rgb = Colours::new(&palette, &controls, &lobe, &half_angles, light.as_ref());
         let wavelength_nm = spectra.as_ref().map_or_else(Vec::new, |s| s.wavelength_nm.clone());
         let bands = spectra.iter().flat_map(|spectra| {
             (0..spectra.wavelength_nm.len().div_ceil(3)).map(|group| {
-                Colours::new(&Palette::bands(spectra, &controls, group), &controls, &lobe, &half_angles)
+                let palette = Palette::bands(spectra, &controls, group);
+                Colours::new(&palette, &controls, &lobe, &half_angles, light.as_ref())
             })
         });
         let bands = bands.collect();
         let chances = chances(&rgb, &controls);
         let mirror_scale = mirror_scale(&lobe, &facets, &rules);
-        Ok(Self { controls, facets, tabulated, mirror_scale, rgb, wavelength_nm, bands, chances, dispersed })
+        Ok(Self {
+            controls,
+            facets,
+            tabulated,
+            mirror_scale,
+            mirror_ends,
+            rgb,
+            wavelength_nm,
+            bands,
+            chances,
+            dispersed,
+        })
     }
 
     /// The controls.
@@ -257,13 +281,18 @@ impl PearlBsdf {
     #[must_use]
     pub fn eval_pdf(&self, wi: Direction, wo: Direction) -> (Evaluation, f64) {
         let Some(geometry) = self.geometry(wi, wo) else { return (Evaluation::default(), 0.0) };
+        self.value_and_density(&geometry, wi, wo)
+    }
+
+    #[inline]
+    fn value_and_density(&self, geometry: &Geometry, wi: Direction, wo: Direction) -> (Evaluation, f64) {
         if self.dispersed.is_some() {
             // The lobe at the table's own wavelength is what is sampled.
-            return (self.eval(wi, wo), self.density(&geometry, wi, wo));
+            return (self.eval(wi, wo), self.density(geometry, wi, wo));
         }
         (
-            self.shade(&self.rgb, &geometry, self.lobes(&geometry), wo, Viewer::AtExit),
-            self.density(&geometry, wi, wo),
+            self.shade(&self.rgb, geometry, self.lobes(geometry), wo, Viewer::AtExit),
+            self.density(geometry, wi, wo),
         )
     }
 
@@ -276,17 +305,20 @@ impl PearlBsdf {
         }
         let chances = self.chances(Place::of_cos(wi[2]));
         let (part, select) = choose(&chances, u1)?;
+        let polar = Polar::of(wi);
+        let incidence = self.tabulated.incidence(&polar);
         let wo = match part {
-            SURFACE => self.facets.sample(wi, u2, u3)?,
+            SURFACE => self.facets.sample(wi, polar.azimuth, u2, u3)?,
             BASE => cosine_hemisphere(u2, u3),
             _ => {
-                let (theta_i, sin_i) = polar(wi);
-                let incidence = self.tabulated.incidence(theta_i, sin_i);
-                let (theta_o, phi) = self.tabulated.sample(part, &incidence, select, u2, u3)?;
-                direction(wi, theta_o, phi)
+                let (theta_o, around) = self.tabulated.sample(part, &incidence, select, u2, u3)?;
+                direction(polar.azimuth, theta_o, around)
             }
         };
-        let (value, pdf) = self.eval_pdf(wi, wo);
+        if !above_horizon(wo) {
+            return None;
+        }
+        let (value, pdf) = self.value_and_density(&self.geometry_at(wi, polar, incidence, wo), wi, wo);
         (pdf > 0.0 && pdf.is_finite()).then_some(Sample { wo, pdf, value })
     }
 
@@ -320,7 +352,8 @@ impl PearlBsdf {
             let factor = self.rgb.lobe_factor(at_i, Place::of_cos(cos_d));
             (0..3).for_each(|c| sum[c] += mass * factor[c]);
         };
-        self.facets.integrate(&Rules::new(), cos_i, |mass, cos_d| {
+        self.facets.integrate_exits(&Rules::new(), cos_i, |mass, cos_d, cos_o| {
+            let scale = self.mirror_factor(scale, at_i, cos_o);
             add(&mut mirror, mass * scale, cos_d);
         });
         tabulated_light(&self.tabulated, theta_i, FINE, |cos_d, [interior, rehit]| {
@@ -339,18 +372,34 @@ impl PearlBsdf {
         if !(above_horizon(wi) && above_horizon(wo)) {
             return None;
         }
-        let ((theta_i, sin_i), (theta_o, sin_o)) = (polar(wi), polar(wo));
-        let incidence = self.tabulated.incidence(theta_i, sin_i);
-        let exit = self.tabulated.exit(&incidence, theta_o, sin_o, half_azimuth2(wi, wo));
-        Some(Geometry { half: Half::new(wi, wo), incidence, exit, at_i: Place::of_cos(wi[2]) })
+        let polar_i = Polar::of(wi);
+        Some(self.geometry_at(wi, polar_i, self.tabulated.incidence(&polar_i), wo))
+    }
+
+    /// The geometry of an incidence that is known.
+    #[inline]
+    fn geometry_at(&self, wi: Direction, polar_i: Polar, incidence: Incidence, wo: Direction) -> Geometry {
+        let polar_o = Polar::of(wo);
+        let y2 = half_azimuth2(&polar_i, &polar_o);
+        let exit = self.tabulated.exit(&incidence, polar_o.theta, polar_o.sin, y2);
+        let half = Half::new(wi, wo, polar_i.azimuth);
+        Geometry { half, incidence, exit, at_i: Place::of_cos(wi[2]), polar_i, polar_o, y2 }
     }
 
     /// f·cos θo of the lobes short of their colour: mirror and blur.
     #[inline]
     fn lobes(&self, geometry: &Geometry) -> [f64; 2] {
-        let [interior, rehit] = self.tabulated.eval(&geometry.incidence, &geometry.exit);
-        let scale = geometry.at_i.read(&self.mirror_scale);
+        let Geometry { incidence, exit, at_i, polar_i, polar_o, y2, .. } = geometry;
+        let [interior, rehit] = self.tabulated.eval_pair(incidence, exit, polar_i, polar_o, *y2);
+        let scale = self.mirror_factor(at_i.read(&self.mirror_scale), *at_i, polar_o.cos);
         [rehit + self.facets.reflection(&geometry.half) * scale, interior]
+    }
+
+    /// Factor of the closed-form reflection; `scale` is that of tables that are not reciprocal.
+    #[inline]
+    fn mirror_factor(&self, scale: f64, at_i: Place, cos_o: f64) -> f64 {
+        let Some(ends) = &self.mirror_ends else { return scale };
+        at_i.read(ends) * Place::of_cos(cos_o).read(ends) * cos_o
     }
 
     #[inline]
@@ -450,19 +499,9 @@ fn above_horizon([x, y, z]: Direction) -> bool {
     z > 0.0 && (0.81..1.21).contains(&(x * x + y * y + z * z))
 }
 
-/// θ and sin θ.
-#[inline]
-fn polar(w: Direction) -> (f64, f64) {
-    let sin = (w[0] * w[0] + w[1] * w[1]).sqrt().min(1.0);
-    // From whichever of the two keeps its digits.
-    (if w[2] > 0.7 { sin.asin() } else { w[2].acos() }, sin)
-}
-
-/// The direction at θo and at azimuth φ from the mirror direction of wi.
-fn direction(wi: Direction, theta_o: f64, phi: f64) -> Direction {
-    let (along, across) = facets::azimuth(wi);
+/// The direction at θo and at azimuth φ (cos, sin) from the mirror direction of wi, whose own azimuth is given.
+fn direction((along, across): (f64, f64), theta_o: f64, (cos_phi, sin_phi): (f64, f64)) -> Direction {
     let (sin_o, cos_o) = theta_o.sin_cos();
-    let (sin_phi, cos_phi) = phi.sin_cos();
     [sin_o * (-cos_phi * along - sin_phi * across), sin_o * (-cos_phi * across + sin_phi * along), cos_o]
 }
 
@@ -496,13 +535,17 @@ fn tally_half_angles(
     facets: &Facets,
     rules: &Rules,
     tabulated: &Tabulated,
+    mirror_ends: Option<&[f64; NODES]>,
     degree: usize,
 ) -> [Box<[f64; NODES]>; 3] {
     // At 90° no light arrives; its limit is what counts.
     let theta_i = (degree as f64).to_radians().min(FRAC_PI_2 - 1e-6);
     let empty = || Box::new([0.0; NODES]);
     let (mut interior, mut surface, mut rehit) = (empty(), empty(), empty());
-    facets.integrate(rules, theta_i.cos(), |mass, cos| Place::of_cos(cos).deposit(mass, &mut surface));
+    facets.integrate_exits(rules, theta_i.cos(), |mass, cos, cos_o| {
+        let seen = mirror_ends.map_or(1.0, |ends| Place::of_cos(cos_o).read(ends) * cos_o);
+        Place::of_cos(cos).deposit(mass * seen, &mut surface);
+    });
     tabulated_light(tabulated, theta_i, COARSE, |cos, [a, b]| {
         Place::of_cos(cos).deposit(a, &mut interior);
         Place::of_cos(cos).deposit(b, &mut rehit);
@@ -517,7 +560,7 @@ fn tally_half_angles(
     tallies
 }
 
-/// Gauss–Legendre points on every smooth piece of an integral over the tabulated lobes, in θo and in φ.
+/// Fewest Gauss–Legendre points on every smooth piece of an integral over the tabulated lobes, in θo and in φ.
 #[derive(Clone, Copy)]
 struct Points {
     exit: usize,
@@ -528,6 +571,10 @@ struct Points {
 const COARSE: Points = Points { exit: 1, azimuth: 1 };
 /// For its mass.
 const FINE: Points = Points { exit: 3, azimuth: 2 };
+/// A point for so much of a piece, radians, and the most points a piece: within a long one θd runs through waves of the
+/// interference, of which one point in all missed 2e-4 of the light.
+const REACH: f64 = PI / 180.0;
+const MOST_POINTS: usize = 4;
 
 /// Hands out the light of the tabulated lobes piece by piece: cos θd and the masses of interior and rehit.
 fn tabulated_light(
@@ -536,24 +583,28 @@ fn tabulated_light(
     points: Points,
     mut visit: impl FnMut(f64, [f64; 2]),
 ) {
-    let (sin_i, cos_i) = theta_i.sin_cos();
-    let incidence = tabulated.incidence(theta_i, sin_i);
+    let i = Polar::at(theta_i);
+    let (sin_i, cos_i) = (i.sin, i.cos);
+    let incidence = tabulated.incidence(&i);
     let axis = tabulated.axis();
+    let rules: Vec<_> = (1..=MOST_POINTS).map(gauss_legendre).collect();
     // |s| covers the plane's cells of both signs with one set of exits.
     let mut exits = kinks(&axis.columns_at(theta_i));
     exits.iter_mut().for_each(|s| *s = s.abs());
     exits.push(0.0);
-    let walked = axis.phi_at(theta_i).map(|phi| rule_between(kinks(&phi), points.azimuth));
-    for (theta_o, weight_o) in rule_between(exits, points.exit) {
-        let (sin_o, cos_o) = theta_o.sin_cos();
+    let walked = axis.phi_at(theta_i).map(|phi| rule_between(kinks(&phi), &rules, points.azimuth));
+    for (theta_o, weight_o) in rule_between(exits, &rules, points.exit) {
+        let o = Polar::at(theta_o);
+        let (sin_o, cos_o) = (o.sin, o.cos);
         let decayed = walked.is_none().then(|| {
             let width = tabulated.decay_width(&incidence, sin_o);
-            rule_between(kinks(&Stretched { lo: 0.0, centre: 0.0, hi: PI, width, cells: 14 }), points.azimuth)
+            let around = Stretched { lo: 0.0, centre: 0.0, hi: PI, width, cells: 14 };
+            rule_between(kinks(&around), &rules, points.azimuth)
         });
         for &(phi, weight_phi) in walked.iter().chain(&decayed).flatten() {
             let y2 = (0.5 * phi).sin().powi(2);
             let exit = tabulated.exit(&incidence, theta_o, sin_o, y2);
-            let light = tabulated.eval(&incidence, &exit);
+            let light = tabulated.eval_pair(&incidence, &exit, &i, &o, y2);
             // Both sides of the plane of incidence.
             let weight = 2.0 * weight_o * weight_phi * sin_o;
             // wi·wo = cos θi cos θo − sin θi sin θo cos φ.
@@ -569,12 +620,12 @@ fn kinks(axis: &Stretched) -> Vec<f64> {
 }
 
 /// Coordinates with weights: a Gauss–Legendre rule between every two of the nodes.
-fn rule_between(mut nodes: Vec<f64>, points: usize) -> Vec<(f64, f64)> {
+fn rule_between(mut nodes: Vec<f64>, rules: &[Vec<(f64, f64)>], least: usize) -> Vec<(f64, f64)> {
     nodes.sort_by(f64::total_cmp);
-    let rule = gauss_legendre(points);
     let pieces = nodes.windows(2).flat_map(|ends| {
         let (middle, half) = (0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]));
-        rule.iter().map(move |(x, w)| (middle + half * x, half * w))
+        let points = ((2.0 * half / REACH).ceil() as usize).clamp(least, MOST_POINTS);
+        rules[points - 1].iter().map(move |(x, w)| (middle + half * x, half * w))
     });
     pieces.filter(|(_, weight)| *weight > 0.0).collect()
 }
@@ -589,6 +640,49 @@ fn mirror_scale(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Box<[f64;
         }
     }
     scale
+}
+
+/// The curve r for which r(θi)·r(θo)·cos θo·[`Facets::reflection`] has the single reflection's share at every θi: the closed form
+/// made reciprocal (symmetric scaling, as in [`lut_io::reciprocal`]).
+fn mirror_ends(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Box<[f64; NODES]> {
+    const ROUNDS: usize = 200;
+    const SCALED: f64 = 1e-9;
+    let pieces: Vec<Vec<(f64, Place)>> = (0..NODES)
+        .map(|node| {
+            let mut pieces = Vec::new();
+            facets.integrate_exits(rules, curve::cos_at(node), |mass, _, cos_o| {
+                if mass > 0.0 && cos_o > 0.0 {
+                    pieces.push((mass * cos_o, Place::of_cos(cos_o)));
+                }
+            });
+            pieces
+        })
+        .collect();
+    let share: Vec<f64> =
+        (0..NODES).map(|node| colour::single_reflection_share(lobe, curve::theta_at(node))).collect();
+    let mut ends = Box::new([1.0; NODES]);
+    for _ in 0..ROUNDS {
+        let mut worst = 0f64;
+        let factor: Vec<f64> = pieces
+            .iter()
+            .zip(&share)
+            .enumerate()
+            .map(|(node, (pieces, share))| {
+                let light: f64 =
+                    pieces.iter().map(|(mass, at)| mass * at.read(&ends)).sum::<f64>() * ends[node];
+                if light <= 0.0 || *share <= 0.0 {
+                    return 0.0;
+                }
+                worst = worst.max((share / light - 1.0).abs());
+                (share / light).sqrt()
+            })
+            .collect();
+        ends.iter_mut().zip(factor).for_each(|(end, factor)| *end *= factor);
+        if worst < SCALED {
+            break;
+        }
+    }
+    ends
 }
 
 /// Probabilities of the four techniques: the albedos of what is shown.

@@ -5,6 +5,7 @@ use crate::curve::{self, NODES, Place};
 use crate::quadrature::Spline;
 use lut_io::lobe::Interpolant;
 use lut_io::monotone::Monotone;
+use lut_io::reciprocal;
 use lut_io::spectra::Spectra;
 use lut_io::table::Component;
 use std::f64::consts::PI;
@@ -126,6 +127,7 @@ impl Colours {
         controls: &Controls,
         lobe: &Interpolant,
         half_angles: &HalfAngles,
+        light: Option<&reciprocal::Section>,
     ) -> Self {
         let gamma = controls.coherence;
         let factor = tabulate(|node, c| {
@@ -140,15 +142,23 @@ impl Colours {
         {
             for (node, channels) in share.iter_mut().enumerate() {
                 let theta = curve::theta_at(node);
+                let [interior, rehit] = light.map_or([0.0; 2], |section| section.gain(theta));
                 let albedo = match component {
+                    Component::Interior => (lobe.albedo(component, theta) + interior).max(0.0),
                     Component::Surface => single_reflection_share(lobe, theta),
-                    _ => lobe.albedo(component, theta),
+                    Component::Rehit => (lobe.albedo(component, theta) + rehit).max(0.0),
                 };
                 *channels = channels.map(|mean| mean.max(0.0) * albedo);
             }
         }
         let unlimited = |node: usize, c: usize| shares[0][node][c] + shares[1][node][c] + shares[2][node][c];
-        let limit = tabulate(|node, c| 1.0 / unlimited(node, c).max(1.0));
+        let mut limit = tabulate(|node, c| 1.0 / unlimited(node, c).max(1.0));
+        if light.is_some() {
+            // What is the same both ways must stay so: one limit for all incidences.
+            let least =
+                limit.iter().copied().fold([1.0; 3], |a, b| std::array::from_fn(|c| f64::min(a[c], b[c])));
+            limit.fill(least);
+        }
         let rest = tabulate(|node, c| (1.0 - unlimited(node, c) * limit[node][c]).max(0.0));
         for share in &mut shares {
             for (channels, limit) in share.iter_mut().zip(limit.iter()) {

@@ -22,6 +22,9 @@ const FAR: f64 = 8.0;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Facets {
     sigma: f64,
+    /// −1/(2σ²), and 1/(2πσ²).
+    exponent: f64,
+    peak: f64,
     /// Index of the first layer over that of the ambient.
     index_ratio: f64,
     /// Whether facets are met in proportion to their projected area.
@@ -41,14 +44,13 @@ pub(crate) struct Half {
 }
 
 impl Half {
-    /// Of two unit vectors above the horizon.
+    /// Of two unit vectors above the horizon, the first with the cos and sin of its azimuth.
     #[inline]
-    pub(crate) fn new(wi: Direction, wo: Direction) -> Self {
+    pub(crate) fn new(wi: Direction, wo: Direction, (along, across): (f64, f64)) -> Self {
         let h = [wi[0] + wo[0], wi[1] + wo[1], wi[2] + wo[2]];
         let length2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
         // |wi + wo| = 2 cos θd. Two directions within 1e-150 of opposite horizons have a square of 0.
         let length = if length2 > 1e-300 { length2.sqrt() } else { h[0].hypot(h[1]).hypot(h[2]) };
-        let (along, across) = azimuth(wi);
         let (hx, hy) = (h[0] * along + h[1] * across, h[1] * along - h[0] * across);
         Self {
             p: -hx / h[2],
@@ -57,13 +59,6 @@ impl Half {
             cos: (0.5 * length).clamp(GRAZING, 1.0),
         }
     }
-}
-
-/// cos and sin of the azimuth of a direction; (1, 0) at the pole.
-#[inline]
-pub(crate) fn azimuth(w: Direction) -> (f64, f64) {
-    let sin = (w[0] * w[0] + w[1] * w[1]).sqrt();
-    if sin > 1e-150 { (w[0] / sin, w[1] / sin) } else { (1.0, 0.0) }
 }
 
 /// The slopes that reflect above the horizon, at one q: lo < p < hi.
@@ -75,8 +70,11 @@ struct Limits {
 
 impl Facets {
     pub(crate) fn new(model: &SurfaceModel) -> Self {
+        let sigma = model.slope_sd.max(MIN_SLOPE_SD);
         Self {
-            sigma: model.slope_sd.max(MIN_SLOPE_SD),
+            sigma,
+            exponent: -0.5 / (sigma * sigma),
+            peak: 1.0 / (TAU * sigma * sigma),
             index_ratio: model.n_first / model.n_ambient,
             visible: model.normals == "visible",
         }
@@ -90,7 +88,7 @@ impl Facets {
     /// f·cos θo short of the factor that depends on θi alone: P(m)·F/(4 wi·m), times wi·m/m_z for visible facets.
     #[inline]
     pub(crate) fn reflection(&self, half: &Half) -> f64 {
-        let slopes = self.slope_density(half.p) * self.slope_density(half.q);
+        let slopes = self.slopes_density(half);
         if slopes <= 0.0 {
             // No such facets; at the horizon half.z may be 0 as well.
             return 0.0;
@@ -102,6 +100,11 @@ impl Facets {
 
     /// ∫ [`Self::reflection`] over the exit hemisphere, handed out piece by piece as (mass, cos θd).
     pub(crate) fn integrate(&self, rules: &Rules, cos_i: f64, mut visit: impl FnMut(f64, f64)) {
+        self.integrate_exits(rules, cos_i, |mass, cos, _| visit(mass, cos));
+    }
+
+    /// The same with cos θo: (mass, cos θd, cos θo).
+    pub(crate) fn integrate_exits(&self, rules: &Rules, cos_i: f64, mut visit: impl FnMut(f64, f64, f64)) {
         let sin_i = (1.0 - cos_i * cos_i).max(0.0).sqrt();
         let q_end = (FAR * self.sigma).min(1.0 / cos_i.max(1e-300));
         for &(x, weight) in &rules.across {
@@ -120,7 +123,8 @@ impl Facets {
                 let cos = (projected / slant.sqrt()).clamp(0.0, 1.0);
                 let seen = if self.visible { projected } else { 1.0 };
                 let mass = 0.5 * (hi - lo) * weight * across * self.slope_density(p) * seen;
-                visit(mass * self.fresnel(cos), cos);
+                // wo = 2(wi·m)m − wi.
+                visit(mass * self.fresnel(cos), cos, (2.0 * projected / slant - cos_i).max(0.0));
             }
         }
     }
@@ -129,7 +133,7 @@ impl Facets {
     #[inline]
     pub(crate) fn pdf(&self, wi: Direction, half: &Half) -> f64 {
         let (cos_i, sin_i) = (wi[2], (1.0 - wi[2] * wi[2]).max(0.0).sqrt());
-        let slopes = self.slope_density(half.p) * self.slope_density(half.q);
+        let slopes = self.slopes_density(half);
         if slopes <= 0.0 {
             return 0.0;
         }
@@ -142,17 +146,28 @@ impl Facets {
     }
 
     /// A direction above the horizon: slopes from the normal distribution cut to the disc of the module's head.
-    pub(crate) fn sample(&self, wi: Direction, u: f64, v: f64) -> Option<Direction> {
+    pub(crate) fn sample(
+        &self,
+        wi: Direction,
+        (along, across): (f64, f64),
+        u: f64,
+        v: f64,
+    ) -> Option<Direction> {
         let (cos_i, sin_i) = (wi[2], (1.0 - wi[2] * wi[2]).max(0.0).sqrt());
         let q = self.truncated_normal(-1.0 / cos_i, 1.0 / cos_i, u)?;
         let limits = limits(cos_i, sin_i, q);
         let p = self.truncated_normal(limits.lo, limits.hi, v)?;
         let z = 1.0 / (1.0 + p * p + q * q).sqrt();
-        let (along, across) = azimuth(wi);
         let m = [z * (q * across - p * along), -z * (p * across + q * along), z];
         let twice = 2.0 * (wi[0] * m[0] + wi[1] * m[1] + wi[2] * m[2]);
         let wo: Direction = std::array::from_fn(|i| twice * m[i] - wi[i]);
         (wo[2] > 0.0).then_some(wo)
+    }
+
+    /// Density of both slopes of a facet.
+    #[inline]
+    fn slopes_density(&self, half: &Half) -> f64 {
+        self.peak * (self.exponent * (half.p * half.p + half.q * half.q)).exp()
     }
 
     #[inline]

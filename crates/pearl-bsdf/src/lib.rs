@@ -18,6 +18,7 @@
 //!
 //! [`PearlBsdf`] is the entry. Nothing is allocated in `eval`, `pdf` and `sample`.
 
+mod angles;
 mod azimuth;
 mod bsdf;
 mod colour;

@@ -10,13 +10,13 @@
 //! there. Within a cap as narrow as a facet's tilt, where lobes do not vary much, what falls there is spread evenly over
 //! the solid angle.
 
-use crate::Direction;
+use crate::angles::{self, Polar, angle};
 use crate::azimuth::{self, Forward};
-use crate::facets;
 use crate::warp::{Cell, Warp};
 use lut_io::axis::ExitAxis;
 use lut_io::decay;
 use lut_io::lobe::Interpolant;
+use lut_io::reciprocal;
 use lut_io::table::{Component, Table};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -53,12 +53,19 @@ impl Cap {
 #[derive(Clone, Debug)]
 pub(crate) struct Tabulated {
     axis: ExitAxis,
+    /// Whether the table is read at the larger of both angles ([`lut_io::reciprocal`]).
+    reciprocal: bool,
     /// Angles of incidence, radians.
     theta: Vec<f64>,
+    /// Where to begin looking for an angle among them: their number at or before each of [`GUIDES`] equal steps to π/2.
+    guide: Vec<u16>,
     /// w of the decay postulate at each incidence, radians.
     width: Vec<f64>,
     columns: usize,
     rows: usize,
+    /// Stretch width of the cells, radians, and its inverse.
+    cell_width: f64,
+    inverse_width: f64,
     /// Interior and rehit of every cell, f·cos θo in 1/sr.
     values: Vec<[f32; 2]>,
     sampling: [Sampling; 2],
@@ -78,6 +85,9 @@ struct Along {
     cap: [f64; 2],
 }
 
+/// Steps of [`Tabulated::guide`].
+const GUIDES: usize = 1024;
+
 /// Steps of a span at which [`Along`] is known.
 const SPAN_STEPS: usize = 64;
 
@@ -88,6 +98,9 @@ struct Sampling {
     u: Vec<f64>,
     /// Integral of u up to each cell centre of a row.
     cdf: Vec<f64>,
+    /// Where to begin looking in `cdf` of a row ([`guide`]), and in `row_cdf` of an incidence.
+    guide: Vec<u16>,
+    row_guide: Vec<u16>,
     /// Σ u of each row.
     row_total: Vec<f64>,
     /// Integral of the rows' totals up to the centre of each φ row of an incidence.
@@ -128,14 +141,6 @@ pub(crate) enum Exit {
     Walk { column: Cell, row: Cell, measure: f64, sin_o: f64 },
 }
 
-/// sin²(φ/2), φ from the mirror direction of wi: a quarter of the squared chord between the two azimuths.
-#[inline]
-pub(crate) fn half_azimuth2(wi: Direction, wo: Direction) -> f64 {
-    let (a, b) = (facets::azimuth(wi), facets::azimuth(wo));
-    let (x, y) = (a.0 + b.0, a.1 + b.1);
-    (0.25 * (x * x + y * y)).min(1.0)
-}
-
 impl Tabulated {
     pub(crate) fn new(lobe: &Interpolant) -> Self {
         let table = lobe.table();
@@ -144,6 +149,11 @@ impl Tabulated {
         let width = table.meta.per_incidence.iter().map(|s| s.azimuth_width_deg.to_radians()).collect();
         let values = table.interior.value.iter().zip(&table.rehit.value).map(|(a, b)| [*a, *b]).collect();
         let sampling = COMPONENTS.map(|component| Sampling::new(table, component));
+        let at_or_before = |step: usize| {
+            let start = FRAC_PI_2 * (step as f64 - 1e-6) / GUIDES as f64;
+            u16::try_from(theta.partition_point(|theta| *theta <= start)).unwrap_or(u16::MAX)
+        };
+        let guide = (0..=GUIDES).map(at_or_before).collect();
         let mut spans = theta.clone();
         if theta[0] > 0.0 {
             spans.insert(0, 0.0);
@@ -153,10 +163,14 @@ impl Tabulated {
         }
         let mut this = Self {
             axis,
+            reciprocal: reciprocal::is_reciprocal(&table.meta),
+            guide,
             theta,
             width,
             columns: axis.columns(),
             rows: axis.rows_per_incidence(),
+            cell_width: axis.width(),
+            inverse_width: 1.0 / axis.width(),
             values,
             sampling,
             spans: Vec::new(),
@@ -214,18 +228,26 @@ impl Tabulated {
         start..start + self.columns
     }
 
-    /// The table at θi, radians.
+    /// The table at an incidence.
     #[inline]
-    pub(crate) fn incidence(&self, theta_i: f64, sin_i: f64) -> Incidence {
+    pub(crate) fn incidence(&self, at: &Polar) -> Incidence {
+        let theta_i = at.theta;
         let between = self.between(theta_i);
-        let columns = Warp::new(&self.axis.columns_at(theta_i));
-        let azimuth = match self.axis.phi_at(theta_i) {
-            Some(phi) => Azimuth::Walk(Warp::new(&phi)),
-            None => {
-                let (a, b) = (self.width[between.node], self.width[between.next]);
-                let width = a + between.fraction * (b - a);
-                Azimuth::Decay { concentration: sin_i / (width * width) }
-            }
+        let (width, cells) = (self.cell_width, self.columns);
+        // `ExitAxis::columns_at`, in few operations.
+        let withdrawal = |room: f64| (room * room + width * width).sqrt() - room;
+        let below_horizon = withdrawal(FRAC_PI_2 - theta_i);
+        let lo = if self.signed() { -FRAC_PI_2 } else { 0.0 };
+        let moved = withdrawal(theta_i - lo) - below_horizon;
+        let columns = Warp::two_sided(lo, theta_i + moved, FRAC_PI_2, width, self.inverse_width, cells);
+        let azimuth = if self.signed() {
+            let (a, b) = (self.width[between.node], self.width[between.next]);
+            let width = a + between.fraction * (b - a);
+            Azimuth::Decay { concentration: at.sin / (width * width) }
+        } else {
+            let cot = angles::cotangent(at.sin, at.cos, moved);
+            let width = width * cot;
+            Azimuth::Walk(Warp::one_sided(0.0, PI, width, 1.0 / width, self.rows))
         };
         Incidence { between, along: self.along(theta_i, between), columns, azimuth }
     }
@@ -260,7 +282,12 @@ impl Tabulated {
     #[inline]
     fn between(&self, theta_i: f64) -> Between {
         let last = self.theta.len() - 1;
-        let above = self.theta.partition_point(|theta| *theta <= theta_i);
+        // `partition_point`, from where the guide says.
+        let step = (theta_i * (GUIDES as f64 / FRAC_PI_2)) as usize;
+        let mut above = usize::from(self.guide[step.min(GUIDES)]);
+        while above <= last && self.theta[above] <= theta_i {
+            above += 1;
+        }
         if above == 0 {
             return Between { node: 0, next: 0, fraction: 0.0 };
         }
@@ -289,7 +316,8 @@ impl Tabulated {
             }
             Azimuth::Walk(phi) => {
                 let (column, slope) = at.columns.position_and_slope(theta_o);
-                let (row, phi_slope) = phi.position_and_slope(2.0 * y2.sqrt().min(1.0).asin());
+                let (row, phi_slope) =
+                    phi.position_and_slope(2.0 * angle(y2.sqrt(), (1.0 - y2).max(0.0).sqrt()));
                 Exit::Walk {
                     column: Cell::new(column, self.columns),
                     row: Cell::new(row, self.rows),
@@ -298,6 +326,23 @@ impl Tabulated {
                 }
             }
         }
+    }
+
+    /// Whether the table is a reciprocal one.
+    pub(crate) const fn is_reciprocal(&self) -> bool {
+        self.reciprocal
+    }
+
+    /// f·cos θo in 1/sr of both components of a pair of directions, in reciprocal tables read at the larger one.
+    #[inline]
+    pub(crate) fn eval_pair(&self, at: &Incidence, exit: &Exit, i: &Polar, o: &Polar, y2: f64) -> [f64; 2] {
+        if !self.reciprocal || o.theta <= i.theta {
+            return self.eval(at, exit);
+        }
+        let larger = self.incidence(o);
+        let back = self.exit(&larger, i.theta, i.sin, y2);
+        let taken_over = o.cos / i.cos;
+        self.eval(&larger, &back).map(|f| f * taken_over)
     }
 
     /// f·cos θo in 1/sr of both components, the albedo restored.
@@ -370,7 +415,7 @@ impl Tabulated {
         a + between.fraction * (b - a)
     }
 
-    /// An exit direction (θo, φ) of one component from three uniform numbers.
+    /// An exit direction (θo, and cos φ, sin φ) of one component from three uniform numbers.
     pub(crate) fn sample(
         &self,
         component: usize,
@@ -378,7 +423,11 @@ impl Tabulated {
         select: f64,
         u: f64,
         v: f64,
-    ) -> Option<(f64, f64)> {
+    ) -> Option<(f64, (f64, f64))> {
+        let around = |u: f64| {
+            let (sin, cos) = (PI * (2.0 * u - 1.0)).sin_cos();
+            (cos, sin)
+        };
         let sampling = &self.sampling[component];
         let Between { node, next, fraction } = at.between;
         let (near, far) = ((1.0 - fraction) * sampling.total[node], fraction * sampling.total[next]);
@@ -392,20 +441,17 @@ impl Tabulated {
                 let s = at.columns.at(position).clamp(-FRAC_PI_2, FRAC_PI_2);
                 if s.abs() < self.cap.radius {
                     // Neither the number that chose the row nor v has said anything yet.
-                    return Some((self.cap.theta(select), PI * (2.0 * v - 1.0)));
+                    return Some((self.cap.theta(select), around(v)));
                 }
-                let phi = if s >= 0.0 {
-                    Forward::new(concentration * s.sin()).sample(v)
-                } else {
-                    PI * (2.0 * v - 1.0)
-                };
+                let phi = if s >= 0.0 { Forward::new(concentration * s.sin()).sample(v) } else { around(v) };
                 Some((s.abs(), phi))
             }
             Azimuth::Walk(phi) => {
                 let (sign, v) = if v < 0.5 { (1.0, 2.0 * v) } else { (-1.0, 2.0 * v - 1.0) };
                 let rows = node * self.rows..(node + 1) * self.rows;
                 let totals = &sampling.row_total[rows.clone()];
-                let position = invert(totals, &sampling.row_cdf[rows], v);
+                let guide = &sampling.row_guide[rows.clone()];
+                let position = invert(totals, &sampling.row_cdf[rows], guide, v);
                 let row = Cell::new(position, self.rows);
                 let (near, far) =
                     ((1.0 - row.fraction) * totals[row.index], row.fraction * totals[row.index + 1]);
@@ -416,16 +462,17 @@ impl Tabulated {
                     let (density, cdf) = (&sampling.u[cells.clone()], &sampling.cdf[cells]);
                     let edge = at.columns.position_and_slope(self.cap.radius).0;
                     let within = cumulated(density, cdf, edge) / total(density, cdf);
-                    return Some((self.cap.theta((u / within).min(1.0)), PI * (2.0 * select - 1.0)));
+                    return Some((self.cap.theta((u / within).min(1.0)), around(select)));
                 }
-                Some((theta_o, sign * phi.at(position).min(PI)))
+                let (sin, cos) = phi.at(position).min(PI).sin_cos();
+                Some((theta_o, (cos, sign * sin)))
             }
         }
     }
 
     fn invert_row(&self, sampling: &Sampling, node: usize, row: usize, u: f64) -> f64 {
         let cells = self.cells(node, row);
-        invert(&sampling.u[cells.clone()], &sampling.cdf[cells], u)
+        invert(&sampling.u[cells.clone()], &sampling.cdf[cells.clone()], &sampling.guide[cells], u)
     }
 }
 
@@ -438,12 +485,17 @@ fn split(u: f64, first: f64, a: usize, b: usize) -> (usize, f64) {
 /// Position where the integral of a piecewise-linear density reaches the share u of its total.
 ///
 /// The density is u\[k\] at position k + ½, linear between, constant in the outer half cells; `cdf\[k\]` is its
-/// integral up to position k + ½.
+/// integral up to position k + ½; `guide` says where to begin looking in it ([`guide`]).
 #[inline]
-fn invert(density: &[f64], cdf: &[f64], share: f64) -> f64 {
+fn invert(density: &[f64], cdf: &[f64], guide: &[u16], share: f64) -> f64 {
     let last = density.len() - 1;
     let target = share * total(density, cdf);
-    let above = cdf.partition_point(|c| *c <= target);
+    // `partition_point`, from where the guide says.
+    let step = (share * guide.len() as f64) as usize;
+    let mut above = usize::from(guide[step.min(last)]);
+    while above <= last && cdf[above] <= target {
+        above += 1;
+    }
     if above == 0 {
         return 0.5 * target / cdf[0];
     }
@@ -488,6 +540,20 @@ fn cumulate(density: &[f64], cdf: &mut Vec<f64>) {
     }
 }
 
+/// Where to begin looking for a share of a row's total: centres surely below each of as many equal steps as there are cells.
+fn guide(density: &[f64], cdf: &[f64], guide: &mut Vec<u16>) {
+    let (total, cells) = (total(density, cdf), cdf.len());
+    let mut above = 0;
+    for step in 0..cells {
+        // Short of the step by more than rounding.
+        let target = total * (step as f64 - 1e-6) / cells as f64;
+        while above < cells && cdf[above] <= target {
+            above += 1;
+        }
+        guide.push(u16::try_from(above).unwrap_or(u16::MAX));
+    }
+}
+
 impl Sampling {
     fn new(table: &Table, component: Component) -> Self {
         let axis = &table.meta.exit_axis;
@@ -496,6 +562,8 @@ impl Sampling {
         let mut this = Self {
             u: Vec::with_capacity(samples.len()),
             cdf: Vec::with_capacity(samples.len()),
+            guide: Vec::with_capacity(samples.len()),
+            row_guide: Vec::new(),
             row_total: Vec::new(),
             row_cdf: Vec::new(),
             total: Vec::new(),
@@ -512,10 +580,12 @@ impl Sampling {
                 let u = &this.u[start..];
                 this.row_total.push(u.iter().sum());
                 cumulate(u, &mut this.cdf);
+                guide(u, &this.cdf[start..], &mut this.guide);
             }
             let totals = &this.row_total[first_row..];
             this.total.push(totals.iter().sum());
             cumulate(totals, &mut this.row_cdf);
+            guide(totals, &this.row_cdf[first_row..], &mut this.row_guide);
         }
         this
     }

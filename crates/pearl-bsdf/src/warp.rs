@@ -1,5 +1,6 @@
 //! [`Stretched`] axes prepared for one incidence, for evaluation in few operations.
 
+use crate::angles::{asinh, ln};
 use lut_io::axis::Stretched;
 
 /// The axis x = c ± w·sinh(·) with its constants worked out.
@@ -18,16 +19,34 @@ pub(crate) struct Warp {
 impl Warp {
     #[inline]
     pub(crate) fn new(axis: &Stretched) -> Self {
-        let inverse_width = 1.0 / axis.width;
-        let cells = axis.cells as f64;
-        let hi = asinh((axis.hi - axis.centre) * inverse_width);
-        let (middle, gain_lo, gain_hi) = if axis.centre <= axis.lo {
-            (0.0, 0.0, cells / hi)
-        } else {
-            let lo = asinh((axis.centre - axis.lo) * inverse_width);
-            (0.5 * cells, 0.5 * cells / lo, 0.5 * cells / hi)
-        };
-        Self { centre: axis.centre, width: axis.width, inverse_width, middle, gain_lo, gain_hi }
+        let Stretched { lo, centre, hi, width, cells } = *axis;
+        if centre <= lo {
+            return Self::one_sided(lo, hi, width, 1.0 / width, cells);
+        }
+        Self::two_sided(lo, centre, hi, width, 1.0 / width, cells)
+    }
+
+    /// Around a centre above the lower end.
+    #[inline]
+    pub(crate) fn two_sided(
+        lo: f64,
+        centre: f64,
+        hi: f64,
+        width: f64,
+        inverse_width: f64,
+        cells: usize,
+    ) -> Self {
+        let half = 0.5 * cells as f64;
+        let gain_hi = half / asinh((hi - centre) * inverse_width);
+        let gain_lo = half / asinh((centre - lo) * inverse_width);
+        Self { centre, width, inverse_width, middle: half, gain_lo, gain_hi }
+    }
+
+    /// Finest at the lower end.
+    #[inline]
+    pub(crate) fn one_sided(lo: f64, hi: f64, width: f64, inverse_width: f64, cells: usize) -> Self {
+        let gain_hi = cells as f64 / asinh((hi - lo) * inverse_width);
+        Self { centre: lo, width, inverse_width, middle: 0.0, gain_lo: 0.0, gain_hi }
     }
 
     /// Position of x in cells, and dx/dposition there.
@@ -36,12 +55,8 @@ impl Warp {
         let offset = (x - self.centre) * self.inverse_width;
         let size = offset.abs();
         let root = (1.0 + size * size).sqrt();
-        let stretched = (size + root).ln();
-        if offset >= 0.0 {
-            (self.middle + self.gain_hi * stretched, self.width * root / self.gain_hi)
-        } else {
-            (self.middle - self.gain_lo * stretched, self.width * root / self.gain_lo)
-        }
+        let gain = if offset >= 0.0 { self.gain_hi } else { self.gain_lo };
+        (self.middle + (gain * ln(size + root)).copysign(offset), self.width * root / gain)
     }
 
     /// The coordinate at a position.
@@ -49,14 +64,10 @@ impl Warp {
     pub(crate) fn at(&self, position: f64) -> f64 {
         let d = position - self.middle;
         let gain = if d >= 0.0 { self.gain_hi } else { self.gain_lo };
-        self.centre + self.width * (d / gain).sinh()
+        // sinh to an absolute error of rounding.
+        let e = (d / gain).exp();
+        self.centre + self.width * (0.5 * (e - 1.0 / e))
     }
-}
-
-/// asinh of x ≥ 0 to an absolute error of rounding, which is all that a position needs.
-#[inline]
-fn asinh(x: f64) -> f64 {
-    (x + (1.0 + x * x).sqrt()).ln()
 }
 
 /// A position between two cell centres: the cell at or before it, and how far (0..1) it is towards the next.

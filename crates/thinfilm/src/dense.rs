@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use crate::stack::{Gain, Indices, Stack, StackError};
 use crate::wave::{InPlaneWave, Incidence, Polarisation, WaveError, half_turns_per_metre, sqrt_upper};
 use kernel::{
-    ComplexMedium, ComplexTile, DenseLayer, Interface, Kinds, LosslessMedium, LosslessTile, TileResult,
+    ComplexMedium, ComplexTile, DenseLayer, Interface, Kinds, LosslessMedium, LosslessTile, TileResult, Turn,
 };
 use lanes::{LANES, Lanes};
 use levels::Level;
@@ -138,6 +138,8 @@ pub fn spectra_with_sources(
 struct Solver<'a> {
     stack: &'a Stack,
     wavelengths: &'a [f64],
+    /// 2π/λ.
+    k0: Vec<f64>,
     /// Indices at each wavelength.
     indices: Vec<Indices>,
     /// From the substrate up.
@@ -214,6 +216,7 @@ impl<'a> Solver<'a> {
         Ok(Self {
             stack,
             wavelengths,
+            k0: wavelengths.iter().map(|w| std::f64::consts::TAU / w).collect(),
             indices,
             kinds: Kinds::of(&layers),
             layers,
@@ -236,28 +239,23 @@ impl<'a> Solver<'a> {
         // (angle, wavelength) pairs in one row, so that no tile but the last has idle lanes.
         let size = angles.len() * self.wavelengths.len();
         let waves = self.waves(angles)?;
-        let tiles: Vec<Result<Tile, StackError>> = (0..size.div_ceil(LANES))
-            .into_par_iter()
-            .map(|tile| self.tile(angles, &waves, tile * LANES, ((tile + 1) * LANES).min(size)))
-            .collect();
-        let tiles = tiles.into_iter().collect::<Result<Vec<Tile>, _>>()?;
-        let gather = |of: fn(&TileResult) -> &[Lanes; 2]| {
-            [0, 1].map(|pol| {
-                let mut row = Vec::with_capacity(tiles.len() * LANES);
-                for tile in &tiles {
-                    row.extend_from_slice(&of(&tile.result)[pol].0);
-                }
-                row.truncate(size);
-                row
-            })
-        };
-        Ok(Spectra {
+        let rows = || [vec![0.0; size], vec![0.0; size]];
+        let mut spectra = Spectra {
             wavelengths: self.wavelengths.len(),
-            reflectance: gather(|result| &result.reflectance),
-            transmittance: gather(|result| &result.transmittance),
-            emission: self.sources.map(|_| gather(|result| &result.emission)),
-            robust_lanes: tiles.iter().map(|tile| tile.robust).sum(),
-        })
+            reflectance: rows(),
+            transmittance: rows(),
+            emission: self.sources.map(|_| rows()),
+            robust_lanes: 0,
+        };
+        // Each tile writes into its part of the rows: no second pass, and the threads touch fresh memory together.
+        spectra.robust_lanes = Cut::tiles(&mut spectra)
+            .into_par_iter()
+            .enumerate()
+            .map_init(Scratch::default, |scratch, (tile, cut)| {
+                self.tile(angles, &waves, tile * LANES, cut, scratch)
+            })
+            .try_reduce(|| 0, |a, b| Ok(a + b))?;
+        Ok(spectra)
     }
 
     /// Without dispersion, one wave an angle serves all wavelengths; empty otherwise.
@@ -270,22 +268,22 @@ impl<'a> Solver<'a> {
         }
     }
 
-    /// The pairs from `first` to `last`.
+    /// The pairs from `first` on; returns how many of them the robust form did.
     fn tile(
         &self,
         angles: &[f64],
         waves: &[LaneWave],
         first: usize,
-        last: usize,
-    ) -> Result<Tile, StackError> {
+        cut: Cut<'_>,
+        scratch: &mut Scratch,
+    ) -> Result<usize, StackError> {
+        let last = first + cut.len();
         let lanes = TileLanes::new(self, angles, waves, first, last)?;
-        let (mut result, emission_known) = match lanes.lossless() {
-            Some(result) => (result, true),
-            None => (lanes.complex(), false),
-        };
+        let is_lossless = lanes.is_lossless();
+        let mut result = if is_lossless { lanes.lossless(scratch) } else { lanes.complex() };
         let mut robust = 0;
         for lane in 0..last - first {
-            let known = lanes.is_suitable(lane) && (emission_known || self.sources.is_none());
+            let known = lanes.is_suitable(lane) && (is_lossless || self.sources.is_none());
             let claimed = |pol: usize| known && result.doubt[pol].0[lane] <= self.claim;
             let unclaimed: Vec<Polarisation> =
                 Polarisation::BOTH.into_iter().filter(|pol| !claimed(*pol as usize)).collect();
@@ -297,7 +295,8 @@ impl<'a> Solver<'a> {
                 ((first + lane) / self.wavelengths.len(), (first + lane) % self.wavelengths.len());
             self.robust(angles[angle], self.wavelengths[wavelength], &unclaimed, lane, &mut result)?;
         }
-        Ok(Tile { result, robust })
+        cut.fill(&result);
+        Ok(robust)
     }
 
     fn robust(
@@ -324,16 +323,61 @@ impl<'a> Solver<'a> {
     }
 }
 
-struct Tile {
-    result: TileResult,
-    robust: usize,
+/// One tile's part of the rows of [`Spectra`]; [s, p].
+struct Cut<'a> {
+    reflectance: [&'a mut [f64]; 2],
+    transmittance: [&'a mut [f64]; 2],
+    emission: Option<[&'a mut [f64]; 2]>,
+}
+
+impl<'a> Cut<'a> {
+    fn tiles(spectra: &'a mut Spectra) -> Vec<Self> {
+        let cuts = |rows: &'a mut [Vec<f64>; 2]| {
+            let [s, p] = rows;
+            s.chunks_mut(LANES).zip(p.chunks_mut(LANES)).map(|(s, p)| [s, p])
+        };
+        let mut emission = spectra.emission.as_mut().map(cuts);
+        cuts(&mut spectra.reflectance)
+            .zip(cuts(&mut spectra.transmittance))
+            .map(|(reflectance, transmittance)| {
+                let emission = emission.as_mut().and_then(Iterator::next);
+                Self { reflectance, transmittance, emission }
+            })
+            .collect()
+    }
+
+    fn len(&self) -> usize {
+        self.reflectance[0].len()
+    }
+
+    fn fill(self, result: &TileResult) {
+        let copy = |rows: [&mut [f64]; 2], lanes: &[Lanes; 2]| {
+            for (row, lanes) in rows.into_iter().zip(lanes) {
+                row.copy_from_slice(&lanes.0[..row.len()]);
+            }
+        };
+        copy(self.reflectance, &result.reflectance);
+        copy(self.transmittance, &result.transmittance);
+        if let Some(emission) = self.emission {
+            copy(emission, &result.emission);
+        }
+    }
+}
+
+/// Memory that a thread uses for tile after tile.
+#[derive(Default)]
+struct Scratch {
+    media: Vec<LosslessMedium>,
+    turns: Vec<Turn>,
 }
 
 /// One (angle, wavelength) pair in every medium.
 #[derive(Clone)]
 struct LaneWave {
-    /// kz/k₀ of every medium.
+    /// kz/k₀ of every medium: the admittance of s.
     kz: Vec<Complex64>,
+    /// Admittance of p of every medium.
+    q_p: Vec<Complex64>,
     /// N² of every medium.
     eps: Vec<Complex64>,
     /// kₓ/k₀.
@@ -344,17 +388,15 @@ impl LaneWave {
     fn new(indices: &Indices, theta: f64) -> Result<Self, StackError> {
         let wave = InPlaneWave::new(indices.ambient, Incidence::Angle(theta))?;
         let media = || indices.materials.iter().chain([&indices.ambient, &indices.substrate]);
-        Ok(Self {
-            kz: media().map(|&index| sqrt_upper(wave.kz2(index))).collect(),
-            eps: media().map(|index| index * index).collect(),
-            kx: wave.kx(),
-        })
+        let kz: Vec<Complex64> = media().map(|&index| sqrt_upper(wave.kz2(index))).collect();
+        let eps: Vec<Complex64> = media().map(|index| index * index).collect();
+        Ok(Self { q_p: kz.iter().zip(&eps).map(|(kz, eps)| kz / eps).collect(), kz, eps, kx: wave.kx() })
     }
 
     fn admittance(&self, medium: usize, polarisation: Polarisation) -> Complex64 {
         match polarisation {
             Polarisation::S => self.kz[medium],
-            Polarisation::P => self.kz[medium] / self.eps[medium],
+            Polarisation::P => self.q_p[medium],
         }
     }
 
@@ -393,23 +435,30 @@ impl<'a> TileLanes<'a> {
         let count = solver.wavelengths.len();
         let mut distinct: Vec<Cow<'a, LaneWave>> = Vec::with_capacity(2);
         let (mut of_lane, mut suitable, mut k0) = ([0; LANES], [false; LANES], Lanes::splat(0.0));
+        let (mut angle, mut wavelength) = (first / count, first % count);
         for lane in 0..LANES {
-            let pair = (first + lane).min(last - 1);
-            let (theta, wavelength) = (angles[pair / count], pair % count);
             let indices = &solver.indices[wavelength];
-            let same = pair > first
-                && wavelength > 0
-                && (solver.steady || solver.indices[wavelength - 1] == *indices);
-            if distinct.is_empty() || !same {
-                distinct.push(match waves.get(pair / count) {
+            let same = lane > 0
+                && (wavelength > 0 || first + lane >= last)
+                && (solver.steady || wavelength > 0 && solver.indices[wavelength - 1] == *indices);
+            if !same {
+                distinct.push(match waves.get(angle) {
                     Some(wave) => Cow::Borrowed(wave),
-                    None => Cow::Owned(LaneWave::new(indices, theta)?),
+                    None => Cow::Owned(LaneWave::new(indices, angles[angle])?),
                 });
+                let wave = &distinct[distinct.len() - 1];
+                suitable[lane] = solver.is_fast() && indices.ambient.im == 0.0 && wave.is_steep();
+            } else {
+                suitable[lane] = suitable[lane - 1];
             }
             of_lane[lane] = distinct.len() - 1;
-            suitable[lane] =
-                solver.is_fast() && indices.ambient.im == 0.0 && distinct[of_lane[lane]].is_steep();
-            k0.0[lane] = std::f64::consts::TAU / solver.wavelengths[wavelength];
+            k0.0[lane] = solver.k0[wavelength];
+            if first + lane + 1 < last {
+                wavelength += 1;
+                if wavelength == count {
+                    (angle, wavelength) = (angle + 1, 0);
+                }
+            }
         }
         Ok(Self { solver, distinct, of_lane, suitable, k0 })
     }
@@ -438,22 +487,24 @@ impl<'a> TileLanes<'a> {
         self.gather(|wave| wave.admittance(medium, polarisation).re)
     }
 
-    fn lossless(&self) -> Option<TileResult> {
+    fn is_lossless(&self) -> bool {
         let materials = self.solver.stack.materials.len();
         let propagates = |kz: &Complex64| kz.im == 0.0 && kz.re > 0.0;
         let all = self.distinct.iter().all(|wave| wave.kz[..materials].iter().all(propagates));
-        if !(self.solver.is_fast() && all && self.suitable.iter().any(|s| *s)) {
-            return None;
-        }
+        self.solver.is_fast() && all && self.suitable.iter().any(|s| *s)
+    }
+
+    fn lossless(&self, scratch: &mut Scratch) -> TileResult {
+        let materials = self.solver.stack.materials.len();
         let reference = self.solver.reference;
         let q_reference = Polarisation::BOTH.map(|pol| self.real(reference, pol));
-        let media: Vec<LosslessMedium> =
-            (0..materials).map(|m| self.lossless_medium(m, &q_reference)).collect();
+        scratch.media.clear();
+        scratch.media.extend((0..materials).map(|m| self.lossless_medium(m)));
         let (ambient, substrate) = (ambient_number(materials), substrate_number(materials));
         let q_substrate = Polarisation::BOTH
             .map(|pol| [self.real(substrate, pol), self.gather(|wave| wave.admittance(substrate, pol).im)]);
         let tile = LosslessTile {
-            media: &media,
+            media: &scratch.media,
             reference,
             layers: &self.solver.layers,
             kinds: self.solver.kinds.as_ref(),
@@ -461,29 +512,46 @@ impl<'a> TileLanes<'a> {
             q_ambient: Polarisation::BOTH.map(|pol| self.real(ambient, pol)),
             q_substrate,
         };
-        let mut result = kernel::lossless(self.solver.level, &tile, self.solver.sources.is_some());
+        let emission = self.solver.sources.is_some();
+        let mut result = kernel::lossless(self.solver.level, &tile, emission, &mut scratch.turns);
         // |E| = 1 means |H| = |N₀| for p.
-        result.emission[1] = result.emission[1] * self.gather(|wave| wave.eps[ambient].norm());
-        Some(result)
+        if emission {
+            result.emission[1] = result.emission[1] * self.gather(|wave| wave.eps[ambient].norm());
+        }
+        result
     }
 
-    fn lossless_medium(&self, medium: usize, q_reference: &[Lanes; 2]) -> LosslessMedium {
-        let ratio = |a: Lanes, b: Lanes| a.zip(b, |a, b| a / b);
-        let admittances = Polarisation::BOTH.map(|pol| self.real(medium, pol));
-        let up = [0, 1].map(|pol| ratio(q_reference[pol], admittances[pol]));
-        let kz = admittances[0];
-        let n2 = self.gather(|wave| wave.eps[medium].re);
-        let face = (kz * self.k0).map(|rate| 0.5 / rate);
-        let bias = ratio(kz * kz - self.gather(|wave| wave.kx.norm_sqr()), n2 * n2);
+    fn lossless_medium(&self, medium: usize) -> LosslessMedium {
+        let reference = self.solver.reference;
+        let ratio = |a: usize, b: usize| {
+            if a == b {
+                return [Lanes::splat(1.0); 2];
+            }
+            Polarisation::BOTH
+                .map(|pol| self.gather(|wave| wave.admittance(a, pol).re / wave.admittance(b, pol).re))
+        };
+        let (up, kz) = (ratio(reference, medium), self.real(medium, Polarisation::S));
         let half_turns = self.k0.zip(kz, half_turns_per_metre);
+        let (mean, face) = match self.solver.sources {
+            Some(_) => self.energy_weights(medium, &up, kz),
+            None => ([Lanes::splat(0.0); 2], [Lanes::splat(0.0); 2]),
+        };
         LosslessMedium {
             half_turns,
             most_half_turns: half_turns.0.into_iter().fold(0.0, f64::max),
             up,
-            down: [0, 1].map(|pol| ratio(admittances[pol], q_reference[pol])),
-            mean: [Lanes::splat(0.5), n2.map(|n2| 0.5 / n2)],
-            face: [(face * up[0]).scale(-1.0), face * up[1] * bias],
+            down: ratio(medium, reference),
+            mean,
+            face,
         }
+    }
+
+    /// [`LosslessMedium::mean`] and [`LosslessMedium::face`].
+    fn energy_weights(&self, medium: usize, up: &[Lanes; 2], kz: Lanes) -> ([Lanes; 2], [Lanes; 2]) {
+        let n2 = self.gather(|wave| wave.eps[medium].re);
+        let face = (kz * self.k0).map(|rate| 0.5 / rate);
+        let bias = (kz * kz - self.gather(|wave| wave.kx.norm_sqr())) / (n2 * n2);
+        ([Lanes::splat(0.5), n2.map(|n2| 0.5 / n2)], [-(face * up[0]), face * up[1] * bias])
     }
 
     fn complex(&self) -> TileResult {
@@ -640,7 +708,10 @@ mod tests {
         let mut worst = 0.0f64;
         for (at, theta) in angles.into_iter().enumerate() {
             let lanes = TileLanes::new(&solver, &angles, &[], at * LANES, (at + 1) * LANES).unwrap();
-            let result = lanes.lossless().unwrap_or_else(|| lanes.complex());
+            let result = match lanes.is_lossless() {
+                true => lanes.lossless(&mut Scratch::default()),
+                false => lanes.complex(),
+            };
             for (lane, &wavelength) in wavelengths.iter().enumerate().filter(|(at, _)| lanes.is_suitable(*at))
             {
                 let film = stack.at(wavelength).unwrap();
@@ -658,14 +729,29 @@ mod tests {
         worst
     }
 
+    /// Regular stacks of a thousand layers and more near grazing incidence. There the robust form, doubled in plain f64, and the
+    /// fast path were 1.0e-12 to 2.3e-12 apart.
+    const LONG_REGULAR: [u64; 7] = [829, 1320, 4364, 8887, 9275, 16507, 18532];
+
+    fn assert_claims_are_kept(seeds: impl IntoParallelIterator<Item = u64> + Clone) {
+        for (claim, promise) in [(CLAIM, 1e-12), (MEAN_CLAIM, 1e-9)] {
+            let each = seeds.clone().into_par_iter().map(|seed| worst_claimed(seed, claim));
+            let worst = each.reduce(|| 0.0, f64::max);
+            assert!(worst <= promise, "claim {claim:e}: off by {worst:e}");
+        }
+    }
+
     /// What a lane claims holds: 1e-12 for spectra, 1e-9 for means.
     #[test]
     fn a_claim_is_kept_by_stacks_of_any_length() {
-        for (claim, promise) in [(CLAIM, 1e-12), (MEAN_CLAIM, 1e-9)] {
-            let worst =
-                (0..400).into_par_iter().map(|seed| worst_claimed(seed, claim)).reduce(|| 0.0, f64::max);
-            assert!(worst <= promise, "claim {claim:e}: off by {worst:e}");
-        }
+        assert_claims_are_kept((0..400).chain(LONG_REGULAR).collect::<Vec<u64>>());
+    }
+
+    /// `cargo test --release -p thinfilm claim_is_kept_by_many -- --ignored`, some minutes.
+    #[test]
+    #[ignore = "long"]
+    fn a_claim_is_kept_by_many_stacks() {
+        assert_claims_are_kept(0..20_000);
     }
 
     /// `cargo test --release -p thinfilm rate_of_each_level -- --ignored --nocapture --test-threads 1`

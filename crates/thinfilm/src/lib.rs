@@ -14,6 +14,7 @@ pub mod library;
 pub mod line;
 pub mod material;
 pub mod modulation;
+mod precise;
 pub mod reference_case;
 mod scaled;
 mod scattering;

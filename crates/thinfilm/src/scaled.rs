@@ -62,6 +62,9 @@ fn power_of_two(power: i64) -> f64 {
 
 /// e^x as (mantissa in [1/√2, √2], exponent): no overflow up to |x| ~ 1e18.
 pub(crate) fn exp_parts(x: f64) -> (f64, i64) {
+    if x == 0.0 {
+        return (1.0, 0); // what most layers do
+    }
     // ln 2 in two parts, the first with trailing zeros, so that n·LN2_HI is exact (Cody and Waite).
     const LN2_HI: f64 = 6.931_471_803_691_238_164_9e-1;
     const LN2_LO: f64 = 1.908_214_929_270_587_700_02e-10;

@@ -14,6 +14,7 @@
 
 use num_complex::Complex64;
 
+use crate::precise::{Precise, PreciseComplex};
 use crate::scaled::{Scaled, exp_parts, exponent_of, times_power_of_two};
 use crate::scattering::Scattering;
 
@@ -255,6 +256,10 @@ pub(crate) struct LayerMatrix {
     pub(crate) exponent: i64,
     /// δ = k₀ kz d.
     pub(crate) delta: Phase,
+    /// The admittance, rounded as everywhere.
+    q: Complex64,
+    /// What of the growth is not in the exponent.
+    growth: f64,
 }
 
 impl LayerMatrix {
@@ -273,7 +278,26 @@ impl LayerMatrix {
             Polarisation::S => (sinc, kz2 * sinc),
             Polarisation::P => (eps * sinc, kz2 / eps * sinc),
         };
-        Self { cos, sin_over_q, q_sin, exponent, delta }
+        let q = wave.admittance(layer.index, polarisation);
+        Self { cos, sin_over_q, q_sin, exponent, delta, q, growth }
+    }
+
+    /// cos, sin/q and q sin with twice the digits that δ and q leave room for.
+    pub(crate) fn precise(&self) -> [PreciseComplex; 3] {
+        let Phase { half_turns, decay } = self.delta;
+        // The thinnest layers and those at their own critical angle: there sin δ/q has no digits to gain from sin δ and q.
+        if (half_turns * std::f64::consts::PI).abs().max(decay.abs()) < SMALL_PHASE {
+            return [self.cos, self.sin_over_q, self.q_sin].map(PreciseComplex::from);
+        }
+        let whole = half_turns.round_ties_even();
+        let (sin, cos) = Precise::sin_cos_of_half_turns(half_turns - whole);
+        let sign = if whole % 2.0 == 0.0 { self.growth } else { -self.growth };
+        let less = Precise::from(sign * (-(-2.0 * decay).exp_m1() / 2.0)); // (1 − e^-2b)/2
+        let more = Precise::from(sign) - less; //                             (1 + e^-2b)/2
+        let cosine = PreciseComplex { re: cos * more, im: -(sin * less) };
+        let sine = PreciseComplex { re: sin * more, im: cos * less };
+        let q = PreciseComplex::from(self.q);
+        [cosine, sine / q, sine * q]
     }
 }
 
@@ -303,19 +327,21 @@ impl Phase {
     }
 }
 
+/// Below, four terms of the series of sin δ/δ leave 1e-19; above, sin δ loses no digits.
+const SMALL_PHASE: f64 = 1e-2;
+
 /// (e^-b cos δ, e^-b sin δ/δ), b = Im δ ≥ 0.
 pub(crate) fn cos_and_sinc(phase: Phase) -> (Complex64, Complex64) {
     let delta = phase.value();
     let (a, b) = (delta.re, delta.im);
     let (sin, cos) = phase.sin_cos();
-    if b == 0.0 && a.abs() >= 1e-2 {
+    if b == 0.0 && a.abs() >= SMALL_PHASE {
         return (Complex64::new(cos, 0.0), Complex64::new(sin / a, 0.0));
     }
     let less = -(-2.0 * b).exp_m1() / 2.0; // (1 − e^-2b)/2
     let more = 1.0 - less; //                  (1 + e^-2b)/2
     let cosine = Complex64::new(cos * more, -sin * less);
-    // Below 1e-2 four terms leave 1e-19; sin δ loses no digits above.
-    let sinc = if a.abs().max(b.abs()) < 1e-2 {
+    let sinc = if a.abs().max(b.abs()) < SMALL_PHASE {
         let z = delta * delta;
         (1.0 - z / 6.0 * (1.0 - z / 20.0 * (1.0 - z / 42.0 * (1.0 - z / 72.0)))) * (-b).exp()
     } else {
@@ -376,15 +402,15 @@ impl Admittance {
         let eta = s.reference;
         let below = self.b + self.c / eta; // 2 × downward amplitude
         let load = (self.b - self.c / eta) / below;
-        let inner = 1.0 / (1.0 - s.r_back * load);
-        let reflected =
-            s.r + s.t.mantissa * s.t.mantissa * times_power_of_two(load * inner, 2 * s.t.exponent);
+        let inner = 1.0 / (1.0 - s.r_back() * load);
+        let t = s.t();
+        let reflected = s.r() + t.mantissa * t.mantissa * times_power_of_two(load * inner, 2 * t.exponent);
         // Upwards the field grows by 1/t: keep it as an exponent.
-        let scale = below / (2.0 * s.t.mantissa * inner);
+        let scale = below / (2.0 * t.mantissa * inner);
         Self {
             b: (1.0 + reflected) * scale,
             c: (1.0 - reflected) * scale * eta,
-            exponent: self.exponent - s.t.exponent,
+            exponent: self.exponent - t.exponent,
             pristine: None,
         }
         .normalised()
@@ -527,7 +553,7 @@ impl Multilayer {
     pub(crate) fn check_absorbing(&self) -> Result<(), WaveError> {
         for (name, index) in self.media() {
             if index.im < 0.0 {
-                return Err(WaveError::Gain { medium: name(), k: index.im });
+                return Err(WaveError::Gain { medium: name.to_string(), k: index.im });
             }
         }
         Ok(())
@@ -541,7 +567,7 @@ impl Multilayer {
             // Squares must not leave f64: no material comes near these bounds.
             let size = index.norm();
             if !(index.is_finite() && index.re >= 0.0 && (1e-60..1e60).contains(&size)) {
-                return Err(WaveError::Index { medium: name(), index });
+                return Err(WaveError::Index { medium: name.to_string(), index });
             }
         }
         let layers = self.runs.iter().flat_map(|run| run.unit.iter().enumerate());
@@ -567,17 +593,30 @@ impl Multilayer {
         Ok(())
     }
 
-    fn media(&self) -> impl Iterator<Item = (Box<dyn Fn() -> String + '_>, Complex64)> + '_ {
-        let named = |name: &'static str| -> Box<dyn Fn() -> String> { Box::new(move || name.to_owned()) };
-        let layers = self.runs.iter().flat_map(|run| {
-            run.unit.iter().enumerate().map(|(at, layer)| {
-                let name: Box<dyn Fn() -> String> = Box::new(move || format!("layer {}", at + 1));
-                (name, layer.index)
-            })
-        });
-        [(named("the ambient"), self.ambient), (named("the substrate"), self.substrate)]
+    fn media(&self) -> impl Iterator<Item = (MediumName, Complex64)> + '_ {
+        let named = |(at, layer): (usize, &Layer)| (MediumName::Layer(at + 1), layer.index);
+        [(MediumName::Ambient, self.ambient), (MediumName::Substrate, self.substrate)]
             .into_iter()
-            .chain(layers)
+            .chain(self.runs.iter().flat_map(move |run| run.unit.iter().enumerate().map(named)))
+    }
+}
+
+/// A medium as an error names it.
+#[derive(Clone, Copy)]
+enum MediumName {
+    Ambient,
+    Substrate,
+    /// Number in its run, from 1.
+    Layer(usize),
+}
+
+impl std::fmt::Display for MediumName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Ambient => f.write_str("the ambient"),
+            Self::Substrate => f.write_str("the substrate"),
+            Self::Layer(number) => write!(f, "layer {number}"),
+        }
     }
 }
 

@@ -65,7 +65,8 @@ def _pearl(base):
             self.lut = types.TensorXf(self.table.values)
             self.tabulated = Tabulated(types, self.table)
             self.facets = Facets(self.table.facets)
-            self.mirror_scale = types.store(self.table.mirror_scale, 1)
+            reciprocal = self.table.reciprocal
+            self.mirror_scale = types.store(self.table.mirror_ends if reciprocal else self.table.mirror_scale, 1)
             kind = "bands" if types.spectral else "mono" if types.mono else "rgb"
             palette = Palette.of(self.table, kind)
             self.bands = self.table.spectra.wavelength_nm if kind == "bands" and palette.channels > 1 else None
@@ -295,6 +296,15 @@ def _pearl(base):
             index = dr.minimum(self.types.floor(u), curves.STEPS - 1)
             return index, u - self.types.Float(index)
 
+        def _at_larger_angle(self, pair, light, active):
+            """Interior and rehit of a reciprocal table, given as they are read at the incidence."""
+            larger = self.tabulated.incidence(pair.exit, active)
+            exit = self.tabulated.exit(larger, pair.incidence, pair.y2)
+            back = self.tabulated.eval(larger, exit, self.tabulated.read(larger, exit, active))
+            taken_over = pair.exit.cos / dr.maximum(pair.incidence.cos, 1e-12)
+            swap = pair.exit.cos < pair.incidence.cos
+            return [dr.select(swap, b * taken_over, a) for a, b in zip(light, back)]
+
         def _shade(self, ctx, si, pair, at, exit, cells, active):
             places = [
                 self._place(pair.incidence.cos, pair.incidence.sin),
@@ -303,6 +313,9 @@ def _pearl(base):
             ]
             scale = self.mirror_scale.between(*places[0], active)[0]
             interior, rehit = self.tabulated.eval(at, exit, cells)
+            if self.table.reciprocal:
+                scale = scale * self.mirror_scale.between(*places[1], active)[0] * pair.exit.cos
+                interior, rehit = self._at_larger_angle(pair, (interior, rehit), active)
             mirror = rehit + self.facets.eval(pair.half) * scale
             diffuse, incoherent, show_mirror, show_blur = (float(shown) for shown in self._enabled(ctx))
             lobe = interior * show_blur + mirror * show_mirror

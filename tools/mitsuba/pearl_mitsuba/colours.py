@@ -31,6 +31,8 @@ class Palette:
     #: Albedo of interior, surface, rehit where the factor is 1 ([lobe, node]) and where it is M ([lobe, channel, node]).
     plain: np.ndarray
     modulated: np.ndarray
+    #: Whether the first term has one limit for all incidences: what is the same both ways must stay so.
+    one_limit: bool
 
     @property
     def channels(self):
@@ -60,7 +62,7 @@ class Palette:
         else:
             modulated = np.moveaxis(table.coloured_albedos(modulation.T), 1, 2)
             plain = table.coloured_albedos(np.ones((curves.NODES, 1)))[:, :, 0]
-        return cls(weights, modulation, rows(spectra and spectra.illuminant), plain, modulated)
+        return cls(weights, modulation, rows(spectra and spectra.illuminant), plain, modulated, table.reciprocal)
 
 
 def band_weights(nm):
@@ -81,6 +83,10 @@ class NumPy:
     @staticmethod
     def block_sum(values, size):
         return values.reshape(-1, size).sum(axis=1)
+
+    @staticmethod
+    def block_max(values, size):
+        return values.reshape(-1, size).max(axis=1)
 
     @staticmethod
     def array(values):
@@ -107,7 +113,7 @@ class Deriver:
     """Derives curves from controls; `ops` is NumPy or a Dr.Jit counterpart."""
 
     def __init__(self, palette, ops):
-        self.ops, self.channels = ops, palette.channels
+        self.ops, self.channels, self.one_limit = ops, palette.channels, palette.one_limit
         flat = lambda rows: ops.array(np.broadcast_to(rows, (palette.channels, curves.NODES)).ravel())  # noqa: E731
         self.tint_weights = [ops.array(column) for column in palette.tint_weights.T]
         self.modulation, self.illuminant = flat(palette.modulation), flat(palette.illuminant)
@@ -124,7 +130,8 @@ class Deriver:
         factor = brightness * ((1.0 - coherence) + coherence * tint * self.modulation)
         albedo = brightness * ((1.0 - coherence) * self.plain + coherence * tint * self.modulated)
         albedo = ops.maximum(albedo, 0.0)
-        limit = 1.0 / ops.maximum(albedo, 1.0)
+        most = ops.repeat(ops.block_max(albedo, n), n) if self.one_limit else albedo
+        limit = 1.0 / ops.maximum(most, 1.0)
         rest = ops.maximum(1.0 - albedo * limit, 0.0)
         illuminant = tint * self.illuminant
         left = ops.block_sum(self.hemispherical * rest, n)

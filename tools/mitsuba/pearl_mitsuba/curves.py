@@ -84,11 +84,14 @@ def _end_slope(h0, h1, secant0, secant1):
 
 
 def spline_matrix(count, at):
-    """Matrix that reads the natural cubic spline through `count` equidistant values at positions `at` (in steps)."""
+    """Matrix that reads the cubic spline through `count` equidistant values at positions `at` (in steps): flat at the first value
+    (what it reads is even about it), natural at the last."""
     identity = np.eye(count)
     system = 4.0 * np.eye(count) + np.eye(count, k=1) + np.eye(count, k=-1)
-    system[[0, -1]] = identity[[0, -1]]
+    system[0, :2] = 2.0, 1.0
+    system[-1] = identity[-1]
     right = np.zeros((count, count))
+    right[0] = 6.0 * (identity[1] - identity[0])
     right[1:-1] = 6.0 * (identity[:-2] - 2.0 * identity[1:-1] + identity[2:])
     second = np.linalg.solve(system, right)
     i = np.clip(at.astype(int), 0, count - 2)

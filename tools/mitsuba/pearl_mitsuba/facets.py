@@ -46,6 +46,10 @@ class Facets:
 
     def integrate(self, cos_i):
         """Pieces (mass, cos θd) of ∫ reflection dωo at one incidence; their masses add up to the integral."""
+        return self.integrate_exits(cos_i)[:2]
+
+    def integrate_exits(self, cos_i):
+        """The same with cos θo."""
         sin_i = np.sqrt(max(0.0, 1.0 - cos_i * cos_i))
         far = FAR * self.sigma
         q_end = min(far, 1.0 / max(cos_i, 1e-300))
@@ -60,4 +64,5 @@ class Facets:
         projected = cos_i - p * sin_i
         cos = np.clip(projected / np.sqrt(1.0 + p * p + q * q), 0.0, 1.0)
         mass = 0.5 * span * _ALONG[1] * across * self.slope_density(p) * (projected if self.visible else 1.0)
-        return (mass * self.fresnel(cos)).ravel(), cos.ravel()
+        exits = np.maximum(2.0 * projected / (1.0 + p * p + q * q) - cos_i, 0.0)
+        return (mass * self.fresnel(cos)).ravel(), cos.ravel(), exits.ravel()

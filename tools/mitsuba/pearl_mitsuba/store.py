@@ -92,3 +92,7 @@ class Types:
     @staticmethod
     def block_sum(values, size):
         return dr.block_sum(values, size)
+
+    @staticmethod
+    def block_max(values, size):
+        return dr.block_reduce(dr.ReduceOp.Max, values, size)

@@ -23,6 +23,9 @@ SPAN_STEPS = 64
 _LARGEST_STEP = np.radians(0.5)
 _RELATIVE_STEP = 0.05
 _MIN_STEPS = 4
+#: In integrals over the lobes a point for so much of a smooth piece, radians, and the most points a piece.
+_REACH = np.radians(1.0)
+_MOST_POINTS = 4
 #: Incidences at which the half-vector angles of the lobes are tallied: every degree.
 _TALLIES = 91
 
@@ -140,9 +143,46 @@ class Table:
         return np.where(integral > 0.0, share / np.where(integral > 0.0, integral, 1.0), 0.0)
 
     @cached_property
+    def reciprocal(self):
+        """Whether the table is read at the larger of both angles (docs/LUT-FORMAT.md §12)."""
+        return "reciprocal" in self.meta
+
+    @cached_property
+    def mirror_ends(self):
+        """Over the nodes of `curves`, of reciprocal tables: r for which the closed-form reflection times r(θi)·r(θo)·cos θo has its
+        share of the light at every θi (symmetric scaling)."""
+        share = self.albedo[1](curves.THETA)
+        masses, index, fraction = [], [], []
+        for cos in curves.COS:
+            mass, _, cos_o = self.facets.integrate_exits(cos)
+            masses.append(mass * cos_o)
+            at, t = curves.place(cos_o)
+            index.append(at.astype(np.int32))
+            fraction.append(t)
+        masses, index, fraction = np.array(masses), np.array(index), np.array(fraction)
+        ends = np.ones(curves.NODES)
+        for _ in range(200):
+            read = ends[index] + fraction * (ends[index + 1] - ends[index])
+            light = ends * (masses * read).sum(axis=1)
+            lit = (light > 0.0) & (share > 0.0)
+            ratio = np.where(lit, share / np.where(lit, light, 1.0), 0.0)
+            ends *= np.sqrt(ratio)
+            if np.abs(ratio[lit] - 1.0).max(initial=0.0) < 1e-9:
+                break
+        return ends
+
+    @cached_property
     def albedos(self):
         """Albedo at the nodes of `curves` of interior, surface and rehit, brightness 1 and no interference."""
-        return np.array([albedo(curves.THETA) for albedo in self.albedo])
+        albedos = np.array([albedo(curves.THETA) for albedo in self.albedo])
+        if self.reciprocal:
+            # Read at the larger angle the lobes send back a little more or less than their albedo.
+            section = self.meta["reciprocal"]
+            for lobe, key in ((0, "interior_gain"), (2, "rehit_gain")):
+                gain = np.array(section[key], float)
+                albedos[lobe] += np.interp(curves.THETA, np.linspace(0.0, HALF_PI, len(gain)), gain)
+            albedos = np.maximum(albedos, 0.0)
+        return albedos
 
     def coloured_albedos(self, factor):
         """The same where the light at half-vector angle θd is multiplied by factor[node, channel]."""
@@ -159,7 +199,9 @@ class Table:
             # At 90° no light arrives; its limit is what counts.
             theta_i = min(np.radians(degree), HALF_PI - 1e-6)
             cos_d, light = self._tabulated_light(theta_i)
-            mass, cos = self.facets.integrate(np.cos(theta_i))
+            mass, cos, cos_o = self.facets.integrate_exits(np.cos(theta_i))
+            if self.reciprocal:
+                mass = mass * cos_o * np.interp(np.arccos(cos_o), curves.THETA, self.mirror_ends)
             for tally, masses, at in zip(tallies, (light[0], mass, light[1]), (cos_d, cos, cos_d)):
                 index, fraction = curves.place(at)
                 tally[degree] += np.bincount(index, (1.0 - fraction) * masses, curves.NODES)
@@ -169,20 +211,24 @@ class Table:
 
     def _tabulated_light(self, theta_i):
         """Light of the tabulated lobes piece by piece: cos θd, and the masses of interior and rehit."""
-        theta_o, weight_o = _midpoints(np.append(np.abs(self.axis.columns_at(theta_i).kinks()), 0.0))
+        exits = np.sort(np.append(np.abs(self.axis.columns_at(theta_i).kinks()), 0.0))
+        theta_o, weight_o, _ = _rule_between(exits[None, :])
         if self.axis.plane:
             x = concentration(theta_i, HALF_PI, self.width_at(theta_i)) * np.sin(theta_o)
             width = np.clip(0.5 / np.sqrt(np.maximum(x, 1e-300)), 1e-7, 1.0)
             ends = width[:, None] * np.sinh(np.arange(29) / 28.0 * np.arcsinh(np.pi / width)[:, None])
-            phi, weight_phi = 0.5 * (ends[:, 1:] + ends[:, :-1]), np.diff(ends, axis=1)
+            phi, weight_phi, exit = _rule_between(ends)
         else:
-            phi, weight_phi = (row[None, :] for row in _midpoints(self.axis.phi_at(theta_i).kinks()))
+            phi, weight_phi, _ = _rule_between(np.sort(self.axis.phi_at(theta_i).kinks())[None, :])
+            exit = np.repeat(np.arange(len(theta_o)), len(phi))
+            phi, weight_phi = np.tile(phi, len(theta_o)), np.tile(weight_phi, len(theta_o))
+        theta_o, weight_o = theta_o[exit], weight_o[exit]
         y2 = np.sin(0.5 * phi) ** 2
-        light = self._read(theta_i, theta_o[:, None], y2)
-        weight = 2.0 * weight_o[:, None] * weight_phi * np.sin(theta_o)[:, None]
-        dot = np.cos(theta_i) * np.cos(theta_o)[:, None] - np.sin(theta_i) * np.sin(theta_o)[:, None] * (1 - 2 * y2)
+        light = self._read(theta_i, theta_o, y2)
+        weight = 2.0 * weight_o * weight_phi * np.sin(theta_o)
+        dot = np.cos(theta_i) * np.cos(theta_o) - np.sin(theta_i) * np.sin(theta_o) * (1 - 2 * y2)
         cos_d = np.sqrt(np.maximum(0.5 * (1.0 + dot), 0.0))
-        return cos_d.ravel(), [(lobe * weight).ravel() for lobe in np.moveaxis(light, -1, 0)]
+        return cos_d, [lobe * weight for lobe in np.moveaxis(light, -1, 0)]
 
     def _read(self, theta_i, theta_o, y2):
         """f·cos θo of both lobes (last axis) at one incidence; y2 = sin²(φ/2). Short of the correction."""
@@ -211,12 +257,21 @@ class Table:
         return along(row, theta_o) * (1.0 - fraction) + fraction * along(row + 1, theta_o)
 
 
-def _midpoints(nodes):
-    """Midpoints and lengths of the pieces between sorted nodes."""
-    nodes = np.sort(nodes)
-    length = np.diff(nodes)
-    kept = length > 0.0
-    return (0.5 * (nodes[1:] + nodes[:-1]))[kept], length[kept]
+def _rule_between(ends):
+    """Gauss–Legendre points, weights and row of all pieces between the ascending ends in each row.
+
+    Long pieces get more points: within them θd runs through waves of the interference.
+    """
+    points, weights, rows = [], [], []
+    middle, half = 0.5 * (ends[:, 1:] + ends[:, :-1]), 0.5 * np.diff(ends, axis=1)
+    count = np.clip(np.ceil(2.0 * half / _REACH), 1, _MOST_POINTS).astype(int)
+    for n in range(1, _MOST_POINTS + 1):
+        row, piece = np.nonzero((count == n) & (half > 0.0))
+        x, w = np.polynomial.legendre.leggauss(n)
+        points.append((middle[row, piece][:, None] + half[row, piece][:, None] * x).ravel())
+        weights.append((half[row, piece][:, None] * w).ravel())
+        rows.append(np.repeat(row, n))
+    return tuple(np.concatenate(parts) for parts in (points, weights, rows))
 
 
 def _decay(x, y2):

@@ -479,6 +479,18 @@ fn coloured(request: &Request, mut table: Table, colours: &Colours) -> Result<Ta
     Ok(table)
 }
 
+/// The reciprocal table nearest to a baked one, named as another bake than that.
+///
+/// # Errors
+/// A table that cannot be made reciprocal.
+pub fn reciprocal(table: &Table) -> Result<Table, BakeError> {
+    let mut table = lut_io::reciprocal::symmetrised(table).map_err(invalid)?;
+    if let Some(serde_json::Value::String(hash)) = table.meta.extra.get_mut("content_hash") {
+        hash.push_str("-reciprocal");
+    }
+    Ok(table)
+}
+
 fn walk_target(
     request: &Request,
     sampling: &mut Sampling,

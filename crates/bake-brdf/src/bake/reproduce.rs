@@ -108,6 +108,11 @@ fn target(meta: &Meta) -> Result<Target, BakeError> {
 /// # Errors
 /// As [`request`], and those of the bake.
 pub fn bake_again(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeError> {
+    let table = bake_as_walked(meta, observer)?;
+    if lut_io::reciprocal::is_reciprocal(meta) { super::reciprocal(&table) } else { Ok(table) }
+}
+
+fn bake_as_walked(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeError> {
     let request = request(meta)?;
     if meta.solver == Solver::Doubling {
         let sides = if meta.extra.contains_key(lut_io::both_sides::KEY) { Sides::Both } else { Sides::Above };

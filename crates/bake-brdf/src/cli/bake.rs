@@ -50,13 +50,17 @@ pub(crate) struct BakeArgs {
     /// baking again; needs --solver doubling (or auto).
     #[arg(long, conflicts_with_all = ["paths", "time_budget", "shard", "resume", "scene"])]
     both_sides: bool,
+    /// Make the table reciprocal: f(a → b) = f(b → a) at any pair of directions, every albedo kept. Decay tables get one azimuth
+    /// width for all incidences.
+    #[arg(long, conflicts_with_all = ["shard", "both_sides", "scene"])]
+    reciprocal: bool,
     /// Say what the bake would cost and write nothing.
     #[arg(long)]
     dry_run: bool,
     /// Bake a table again from its own metadata and compare every bit; exit 3 if one differs. Writes nothing.
     #[arg(long, value_name = "FILE", conflicts_with_all = [
         "recipe", "output", "solver", "target", "seed", "azimuth", "effects", "incident_deg", "event_cap", "precision",
-        "checkpoint", "checkpoint_every", "resume", "shard", "dry_run", "scene", "both_sides",
+        "checkpoint", "checkpoint_every", "resume", "shard", "dry_run", "scene", "both_sides", "reciprocal",
     ])]
     reproduce: Option<PathBuf>,
 }
@@ -99,10 +103,11 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
         return snapshot.write(&output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())));
     }
     let every = terms::budget("checkpoint-every", args.checkpoint_every)?;
-    let kept = Kept { from_the_start: args.checkpoint, every, resume: args.resume };
+    let kept =
+        Kept { from_the_start: args.checkpoint, every, resume: args.resume, reciprocal: args.reciprocal };
     let table = pool.install(|| {
         if sides == Sides::Both {
-            return keep(bake::doubling(&request, sides).map_err(stop)?, &output);
+            return keep(bake::doubling(&request, sides).map_err(stop)?, &output, false);
         }
         let solver = choose(&terms, &request, manners)?;
         if terms.solver == Some(SolverChoice::Auto) && solver == SolverChoice::Doubling {
@@ -134,6 +139,8 @@ pub(super) struct Kept {
     pub(super) from_the_start: bool,
     pub(super) every: Duration,
     pub(super) resume: bool,
+    /// Whether the table is made reciprocal before it is written.
+    pub(super) reciprocal: bool,
 }
 
 /// Solves a request and writes the table; the checkpoint lies beside `output` until that is done.
@@ -156,7 +163,7 @@ pub(super) fn bake_to(
         let resume = if kept.resume { keeper.load(manners)? } else { None };
         watched(manners, Some(&keeper), |observer| bake::walk(request, observer, resume))?
     };
-    let table = keep(table, output)?;
+    let table = keep(table, output, kept.reciprocal)?;
     keeper.remove();
     Ok(table)
 }
@@ -170,11 +177,12 @@ fn double_or_walk(request: &Request, output: &Path, kept: Kept, manners: &Manner
             }
             bake_to(request, SolverChoice::Walk, output, kept, manners)
         }
-        table => keep(table.map_err(stop)?, output),
+        table => keep(table.map_err(stop)?, output, kept.reciprocal),
     }
 }
 
-fn keep(table: Table, output: &Path) -> Result<Table, Stop> {
+fn keep(table: Table, output: &Path, reciprocal: bool) -> Result<Table, Stop> {
+    let table = if reciprocal { bake::reciprocal(&table).map_err(stop)? } else { table };
     lut_io::exr_file::write(&table, output).map_err(|why| Stop::failure(why.to_string()))?;
     Ok(table)
 }

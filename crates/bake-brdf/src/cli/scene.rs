@@ -110,6 +110,7 @@ fn bake(table: &PlannedTable, folder: &Path, name: String, manners: &Manners) ->
             from_the_start: false,
             every: Duration::from_secs_f64(CHECKPOINT_EVERY_SECONDS),
             resume: false,
+            reciprocal: false,
         };
         bake_to(&table.request, table.solver, &path, kept, manners)?;
     }

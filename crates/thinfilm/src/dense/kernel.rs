@@ -68,9 +68,9 @@ pub(super) struct LosslessMedium {
     pub(super) up: [Lanes; 2],
     /// q/q_ref.
     pub(super) down: [Lanes; 2],
-    /// Weight of a layer's stored energy in ∫|E|².
+    /// Weight of a layer's stored energy in ∫|E|² (illuminant only).
     pub(super) mean: [Lanes; 2],
-    /// Weight of the standing wave's part at its faces.
+    /// Weight of the standing wave's part at its faces (illuminant only).
     pub(super) face: [Lanes; 2],
 }
 
@@ -246,23 +246,28 @@ struct LosslessWave {
 
 /// Phases, rotations and ends are compiled apart: the polynomials' coefficients and the state of the waves do not fit into the registers
 /// together, and what is spilled then is the state.
-pub(super) fn lossless(level: Level, tile: &LosslessTile, emission: bool) -> TileResult {
+pub(super) fn lossless(
+    level: Level,
+    tile: &LosslessTile,
+    emission: bool,
+    turns: &mut Vec<Turn>,
+) -> TileResult {
     let mut wave = lossless_start(level, tile);
     let look_every = look_every(tile.layers.len());
     match tile.kinds {
         Some(kinds) if !emission => {
-            let mut turns = vec![Turn::NONE; kinds.layers.len()];
-            turns_of(level, tile, &kinds.layers, &mut turns);
-            turned(level, &turns, &kinds.of_layer, look_every, &mut wave);
+            turns.resize(kinds.layers.len(), Turn::NONE);
+            turns_of(level, tile, &kinds.layers, turns);
+            turned(level, turns, &kinds.of_layer, look_every, &mut wave);
         }
         _ => {
-            let mut turns = [Turn::NONE; BLOCK];
+            turns.resize(BLOCK, Turn::NONE);
             for block in tile.layers.chunks(look_every) {
-                turns_of(level, tile, block, &mut turns);
+                turns_of(level, tile, block, turns);
                 if emission {
-                    turned_emitting(level, tile, block, &turns, &mut wave);
+                    turned_emitting(level, tile, block, turns, &mut wave);
                 } else {
-                    turned(level, &turns, &ONE_BY_ONE[..block.len()], look_every, &mut wave);
+                    turned(level, turns, &ONE_BY_ONE[..block.len()], look_every, &mut wave);
                 }
             }
         }
@@ -339,7 +344,7 @@ impl LosslessWave {
 
 /// The shears of a layer; [s, p].
 #[derive(Clone, Copy)]
-struct Turn {
+pub(super) struct Turn {
     /// τ q_ref/q.
     b: [Lanes; 2],
     /// −sin δ q/q_ref.
@@ -388,7 +393,8 @@ fn finish_lossless(tile: &LosslessTile, wave: &LosslessWave) -> TileResult {
         let (c_re, c_im) = (-(q_ref * rotor.c[1]), q_ref * rotor.c[0]);
         let reflected = square([b_re - c_re, b_im - c_im]);
         let incident = square([b_re + c_re, b_im + c_im]);
-        let scale = memories[pol].exponent.map(|e| (-2.0 * e).exp2());
+        // Most fields never grow so far as to be scaled, and a library function costs as much as a layer.
+        let scale = memories[pol].exponent.map(|e| if e == 0.0 { 1.0 } else { (-2.0 * e).exp2() });
         let transmitted = (q_0 * tile.q_substrate[pol][0]).scale(4.0) * scale;
         let whole = reflected + transmitted;
         result.reflectance[pol] = reflected / whole;

@@ -33,7 +33,11 @@ pub(super) fn scene(map: &DefectMap) -> Scene {
         .with_legend("% of the peak");
     let plots = vec![Plot::Heatmap(heat)];
     let layout = styled(Layout::auto_from_plots(&plots))
-        .with_title(format!("defect of reciprocity, {:.2} % of the light", 100.0 * map.total))
+        // The colour bar bears no label of its own.
+        .with_title(format!(
+            "defect of reciprocity: colour in % of the peak; {:.2} % of the light",
+            100.0 * map.total
+        ))
         .with_x_label("exit angle θo (°)")
         .with_y_label("angle of incidence θi (°)")
         .with_x_axis_min(0.0)

@@ -1,0 +1,119 @@
+"""`bake-brdf --reciprocal`: f(a → b) = f(b → a), in the evaluator and in the plugin, for both azimuth modes."""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
+sys.path.insert(0, str(ROOT / "tools" / "mitsuba"))
+
+mi = pytest.importorskip("mitsuba")
+import pearl_mitsuba  # noqa: E402, F401
+
+
+def run(tool, *args, expect=0, **keywords):
+    done = subprocess.run([BIN / tool, *map(str, args)], capture_output=True, text=True, **keywords)
+    assert done.returncode == expect, done.stderr
+    return done
+
+
+@pytest.fixture(scope="module", params=["decay", "walk"])
+def table(request, tmp_path_factory):
+    path = tmp_path_factory.mktemp("reciprocal") / "table.exr"
+    bake = ["--azimuth", request.param, "--solver", "doubling", "--accuracy", 0.5, "-q", "--reciprocal", "-o", path]
+    run("bake-brdf", *bake)
+    return path
+
+
+def pairs(count):
+    random = np.random.default_rng(3)
+    z = random.uniform(0.005, 1.0, (2, count))
+    phi = random.uniform(0.0, 2.0 * np.pi, (2, count))
+    sin = np.sqrt(1.0 - z * z)
+    a, b = np.stack([sin * np.cos(phi), sin * np.sin(phi), z], axis=-1)
+    near = a[::2] * [-1, -1, 1] + random.normal(0.0, 0.1, (len(a[::2]), 3))
+    near[:, 2] = np.maximum(np.abs(near[:, 2]), 0.005)
+    b[::2] = near / np.linalg.norm(near, axis=1, keepdims=True)
+    return a, b
+
+
+def tool(path, wi, wo):
+    lines = "\n".join(json.dumps({"wi": a, "wo": b}) for a, b in zip(wi.tolist(), wo.tolist()))
+    said = run("pearl", "eval", path, "--depth", 0, "--input", "-", input=lines).stdout
+    return np.array([json.loads(line)["rgb"] for line in said.splitlines()])
+
+
+def plugin(path, wi, wo):
+    mi.set_variant("scalar_rgb")
+    bsdf, ctx, values = mi.load_dict({"type": "pearl", "filename": str(path), "depth": 0.0}), mi.BSDFContext(), []
+    for a, b in zip(wi, wo):
+        si = mi.SurfaceInteraction3f()
+        si.wi = mi.Vector3f(*a)
+        values.append(list(bsdf.eval(ctx, si, mi.Vector3f(*b))))
+    return np.array(values)
+
+
+def test_the_defect_is_below_a_hundred_thousandth(table):
+    a, b = pairs(300)
+    # f·cos θi·cos θo both ways; the base is reciprocal at depth 0. The plugin counts in single precision.
+    for evaluate, most in ((tool, 1e-9), (plugin, 1e-5)):
+        there, back = evaluate(table, a, b) * a[:, 2:], evaluate(table, b, a) * b[:, 2:]
+        assert np.abs(there - back).sum() / (there + back).sum() < most, evaluate.__name__
+        bright = np.maximum(there, back) > 1e-3 * there.max()
+        assert (np.abs(there - back) / np.maximum(there, back))[bright].max() < 10 * most, evaluate.__name__
+
+
+def test_the_plugin_and_the_tool_agree(table):
+    a, b = pairs(300)
+    rust, found = tool(table, a, b), plugin(table, a, b)
+    bright = rust > 1e-3 * rust.max()
+    assert np.abs(found / rust - 1.0)[bright].max() < 1e-4
+
+
+def test_the_checks_judge_it_and_the_bake_repeats_it(table):
+    said = json.loads(run("lut", "check", table, "--json").stdout)
+    finding = next(check for check in said["checks"] if check["check"] == "reciprocity")
+    assert finding["pass"] is True and finding["worst"] <= 1e-5
+    run("bake-brdf", "--reproduce", table)
+
+
+@pytest.mark.parametrize("look", [[], ["--depth", "0", "--coherence", "0"], ["--depth", "0", "--coherence", "1"]])
+def test_a_white_furnace_stays_white(table, look):
+    """Read at the larger angle the lobes send back up to 0.2 % more or less than their albedo; the base makes up for it."""
+    said = run("pearl", "furnace", table, "--body-rgb", "1,1,1", "--tint-rgb", "1,1,1", "--steps", 73, "--json", *look).stdout
+    albedos = [albedo for row in json.loads(said)["per_incidence"] for albedo in row["albedo"]]
+    assert max(albedos) <= 1.0 + 1e-4
+    if look:
+        assert min(albedos) >= 1.0 - 3e-4
+
+
+def test_a_table_of_several_bands_is_refused(tmp_path):
+    out = tmp_path / "out.exr"
+    recipe = ROOT / "data" / "recipes" / "golden.json"
+    arguments = [recipe, "--solver", "doubling", "--accuracy", 5, "--incident-deg", "0:90:30", "--reciprocal", "-q", "-o", out]
+    done = run("bake-brdf", *arguments, expect=2)
+    assert "dispersion" in done.stderr and len(done.stderr.splitlines()) == 1 and not out.exists()
+
+
+def test_the_map_of_the_defect_tells_a_reciprocal_table_from_another(table, tmp_path):
+    run("bake-brdf", "--solver", "doubling", "--accuracy", 0.5, "-q", "-o", tmp_path / "plain.exr")
+    totals = []
+    for path in (table, tmp_path / "plain.exr"):
+        run("lut", "plot", path, "-o", tmp_path / "plots")
+        assert (tmp_path / "plots" / "reciprocity.png").stat().st_size > 10_000
+        found = json.loads((tmp_path / "plots" / "reciprocity.json").read_text())
+        assert found["schema"] == "lut-reciprocity/1" and len(found["defect"]) == len(found["theta_deg"])
+        totals.append(found["total"])
+    assert totals[0] < 1e-12 and totals[1] > 1e-3
+
+
+def test_it_does_not_go_with_light_from_below(tmp_path):
+    out = tmp_path / "out.exr"
+    done = run("bake-brdf", "--reciprocal", "--both-sides", "--solver", "doubling", "-o", out, expect=2)
+    assert "--reciprocal" in done.stderr and "--both-sides" in done.stderr and not out.exists()
