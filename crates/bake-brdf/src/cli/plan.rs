@@ -36,6 +36,9 @@ pub(crate) struct SceneArgs {
     /// scene hints at, else rgb].
     #[arg(long, value_name = "VARIANT", requires = "scene")]
     variant: Option<String>,
+    /// Value of the scene's $NAME, before its own default; may be given again for other names.
+    #[arg(short = 'D', long = "define", value_name = "NAME=VALUE", requires = "scene")]
+    define: Vec<String>,
 }
 
 impl SceneArgs {
@@ -43,7 +46,12 @@ impl SceneArgs {
     pub(crate) fn read(&self, path: &Path) -> Result<Scene, Stop> {
         let variant = self.variant.as_deref().map(|name| Variant::parse(name, "--variant")).transpose();
         let variant = variant.map_err(|why| Stop::BadInput(format!("--variant: {why}")))?;
-        Scene::read(path, variant).map_err(Stop::bad_input)
+        let defaults = self.define.iter().map(|pair| match pair.split_once('=') {
+            Some((name, value)) if !name.is_empty() => Ok((name.to_owned(), value.to_owned())),
+            _ => Err(Stop::BadInput(format!("--define: {pair:?} is not NAME=VALUE"))),
+        });
+        let defaults: Vec<(String, String)> = defaults.collect::<Result<_, _>>()?;
+        Scene::read_with(path, variant, &defaults).map_err(Stop::bad_input)
     }
 }
 

@@ -74,7 +74,20 @@ impl Scene {
     /// # Errors
     /// A file that cannot be read, is not a scene, or asks for what no pearl has; one line that names the place.
     pub fn read(path: &Path, variant: Option<Variant>) -> Result<Self, SceneError> {
-        let (files, root) = tree::load(path)?;
+        Self::read_with(path, variant, &[])
+    }
+
+    /// As [`Self::read`], with values of `$name` that go before the scene's own defaults (Mitsuba's `-D name=value`, or the
+    /// keyword arguments of `mi.load_file`).
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_with(
+        path: &Path,
+        variant: Option<Variant>,
+        defaults: &[(String, String)],
+    ) -> Result<Self, SceneError> {
+        let (files, root) = tree::load(path, defaults)?;
         let variant = variant.map_or_else(|| variant::hinted(&files, &root), Ok)?;
         let usage = usage::of(&files, &root)?;
         let mut pearls = Vec::new();

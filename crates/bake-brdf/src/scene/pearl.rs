@@ -75,15 +75,36 @@ fn parameters<'e>(files: &Files, element: &'e Element) -> Result<HashMap<&'e str
         };
         if !PARAMETERS.contains(&name) {
             let known = PARAMETERS.join(", ");
-            return Err(
-                files.refuse(child, format!("pearl: {name:?} is no parameter; expected one of {known}"))
-            );
+            let near = nearest(name).map_or(String::new(), |near| format!(" (did you mean {near:?}?)"));
+            let problem = format!("pearl: {name:?} is no parameter{near}; expected one of {known}");
+            return Err(files.refuse(child, problem));
         }
         if parameters.insert(name, child).is_some() {
             return Err(files.refuse(child, format!("pearl: {name} is given twice")));
         }
     }
     Ok(parameters)
+}
+
+/// The parameter that a misspelt name comes nearest to, if any is near: at most a third of its letters differ.
+fn nearest(name: &str) -> Option<&'static str> {
+    let lower = name.chars().take(64).collect::<String>().to_lowercase().replace("colour", "color");
+    let known = PARAMETERS.into_iter().min_by_key(|known| edits(&lower, known))?;
+    (3 * edits(&lower, known) <= known.len()).then_some(known)
+}
+
+/// Letters to insert, drop or replace (Levenshtein 1966).
+fn edits(a: &str, b: &str) -> usize {
+    let mut row: Vec<usize> = (0..=b.chars().count()).collect();
+    for (i, from) in a.chars().enumerate() {
+        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
+        for (j, to) in b.chars().enumerate() {
+            let replaced = diagonal + usize::from(from != to);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.chars().count()]
 }
 
 /// The recipe that a pearl names, else that of the table it names, else the paper's.

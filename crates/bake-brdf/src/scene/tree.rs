@@ -126,10 +126,11 @@ impl Files {
     }
 }
 
-/// Loads a scene.
-pub(super) fn load(path: &Path) -> Result<(Files, Element), SceneError> {
+/// Loads a scene; `defaults` are values of `$name` that go before those in the files.
+pub(super) fn load(path: &Path, defaults: &[(String, String)]) -> Result<(Files, Element), SceneError> {
     let mut loader =
         Loader { files: Files::default(), open: Vec::new(), bytes: 0, replaced: 0, nodes: MAX_NODES };
+    loader.files.defaults.extend(defaults.iter().cloned());
     loader.files.folders.push(lut_io::atomic::folder_of(path).to_owned());
     let file = loader.open(path, path.display().to_string()).map_err(SceneError)?;
     let (root, _) = loader.parse(file)?;

@@ -35,11 +35,24 @@ pub(super) fn of(files: &Files, root: &Element) -> Result<HashMap<Key, Usage>, S
         let target = search.target(element, id)?;
         search.ids.insert(other, target);
     }
-    for shape in root.descendants().filter(|element| element.tag == "shape") {
-        let name = format!("{} ({})", shape.attribute("type").unwrap_or("shape"), files.place(shape));
-        search.children(shape, &name, None)?;
+    for shape in shown(root) {
+        search.shape(shape)?;
     }
     Ok(search.found)
+}
+
+/// The shapes of a scene that are shown by themselves: not what lies in a group, which only its instances show, nor the geometry
+/// inside an object of another kind (an emitter is inside its shape, not around it).
+fn shown(root: &Element) -> Vec<&Element> {
+    root.children.iter().filter(|child| is_shape(child) && !is_group(child)).collect()
+}
+
+fn is_shape(element: &Element) -> bool {
+    element.tag == "shape"
+}
+
+fn is_group(element: &Element) -> bool {
+    is_shape(element) && element.attribute("type") == Some("shapegroup")
 }
 
 /// Most BSDFs that are looked into: references let a short scene stand for a tree that grows without bound.
@@ -55,6 +68,26 @@ struct Search<'s> {
 }
 
 impl<'s> Search<'s> {
+    /// Looks into a shape, and into the group that it is an instance of (or other shapes that it holds).
+    fn shape(&mut self, shape: &'s Element) -> Result<(), SceneError> {
+        self.visits += 1;
+        if self.visits > MAX_VISITS {
+            let problem = format!("the scene's instances hold more than {MAX_VISITS} shapes");
+            return Err(self.files.refuse(shape, problem));
+        }
+        if self.path.iter().any(|open| open.key() == shape.key()) {
+            return Err(self.files.refuse(shape, "instances go round in a circle"));
+        }
+        let name = format!("{} ({})", shape.attribute("type").unwrap_or("shape"), self.files.place(shape));
+        self.children(shape, &name, None)?;
+        self.path.push(shape);
+        for inner in held(self, shape, is_shape)? {
+            self.shape(inner)?;
+        }
+        self.path.pop();
+        Ok(())
+    }
+
     fn target(&self, reference: &'s Element, id: &str) -> Result<&'s Element, SceneError> {
         let found = self.ids.get(id).copied();
         found.ok_or_else(|| {
@@ -69,7 +102,7 @@ impl<'s> Search<'s> {
         shape: &str,
         texture: Option<&Setting<String>>,
     ) -> Result<(), SceneError> {
-        for (index, child) in held(self, parent)?.into_iter().enumerate() {
+        for (index, child) in held(self, parent, |element| element.tag == "bsdf")?.into_iter().enumerate() {
             if !hidden(parent, index) {
                 self.visit(child, shape, texture)?;
             }
@@ -113,25 +146,28 @@ impl<'s> Search<'s> {
     }
 }
 
-/// The BSDFs of an element, in place or by reference.
-fn held<'s>(search: &Search<'s>, parent: &'s Element) -> Result<Vec<&'s Element>, SceneError> {
-    let mut bsdfs = Vec::new();
+/// The objects of a kind that an element holds, in place or by reference.
+fn held<'s>(
+    search: &Search<'s>,
+    parent: &'s Element,
+    is_kind: impl Fn(&Element) -> bool,
+) -> Result<Vec<&'s Element>, SceneError> {
+    let mut found = Vec::new();
     for child in &parent.children {
-        match child.tag.as_str() {
-            "bsdf" => bsdfs.push(child),
-            "ref" => {
-                let Some(id) = child.attribute("id") else {
-                    return Err(search.files.refuse(child, "<ref> needs the attribute id"));
-                };
-                let target = search.target(child, id)?;
-                if target.tag == "bsdf" {
-                    bsdfs.push(target);
-                }
+        if is_kind(child) {
+            found.push(child);
+        }
+        if child.tag == "ref" {
+            let Some(id) = child.attribute("id") else {
+                return Err(search.files.refuse(child, "<ref> needs the attribute id"));
+            };
+            let target = search.target(child, id)?;
+            if is_kind(target) {
+                found.push(target);
             }
-            _ => {}
         }
     }
-    Ok(bsdfs)
+    Ok(found)
 }
 
 /// Whether an adapter never shows its child of that number: a mask of opacity 0, a blend of weight 0 or 1.
