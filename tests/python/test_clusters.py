@@ -73,6 +73,24 @@ def test_a_sweep_makes_a_table_a_recipe_on_the_embedded_cluster(tmp_path, recipe
         assert (tmp_path / "tables" / f"{path.stem}.exr").read_bytes() == single(tmp_path, path, paths)
 
 
+def test_shards_of_another_recipe_of_the_sweep_are_refused(tmp_path, recipe):
+    """All shards of two recipes change places on their way: each table would be whole, and the other's."""
+    other = tmp_path / "other.json"
+    other.write_text('{"stack":{"layers":10}}')
+    right, swapped = "shards[which][index] = content", "shards[1 - which][index] = content"
+    source = DRIVER.read_text()
+    assert source.count(right) == source.count("len(shards[which]) == count") == 1
+    # Merged when all are there.
+    source = source.replace(right, swapped).replace("len(shards[which]) == count", "len(shards[0]) == len(shards[1]) == count")
+    (tmp_path / "swapping.py").write_text(source)
+    tables = tmp_path / "tables"
+    command = [sys.executable, tmp_path / "swapping.py", "--bin", BIN, recipe, other, "--paths", "50000", "--shards", "2", "-o", tables, "--workers", "1", "-q", "--", *FURTHER]
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1 and "belongs to another bake" in done.stderr, done.stderr
+    assert not list(tables.iterdir()) and not done.stdout
+
+
 def test_wrong_input_is_one_line_and_exit_2(tmp_path, recipe):
     bad = tmp_path / "bad.json"
     bad.write_text('{"stack":{"layer":5}}')
@@ -107,3 +125,10 @@ def test_the_slurm_job_array_makes_the_bytes_of_one_bake(tmp_path, recipe):
     assert done.returncode == 0, done.stderr
     assert time.monotonic() - start < 120
     assert output.read_bytes() == single(tmp_path, recipe, 100_000)
+
+    # Shards that lie there from another bake are not made into a table of this one.
+    output.write_bytes(b"the old table")
+    recipe.write_text('{"stack":{"layers":41}}')
+    stale = subprocess.run([SLURM / "submit.sh", recipe, "100000", "5", output], env=env, capture_output=True, text=True)
+    assert stale.returncode != 0 and "belongs to another bake" in stale.stderr, stale.stderr
+    assert output.read_bytes() == b"the old table"

@@ -6,12 +6,14 @@ Ten kills by default; the whole test of 50 (about a minute and a half on two cor
 """
 
 import contextlib
+import json
 import os
 import pathlib
 import random
 import signal
 import subprocess
 import time
+import zlib
 
 import pytest
 
@@ -280,3 +282,139 @@ def test_a_shard_cut_short_is_refused_by_name(sharded):
         assert refused.returncode == 2
         one_line(refused.stderr, "cut.shard")
         assert not (folder / "never.exr").exists()
+
+
+def test_a_shard_of_no_bake_asked_for_is_refused(sharded):
+    folder, whole, shard = sharded
+    pair = [shard(1, 2), shard(2, 2)]
+    forecast = tool(folder, "bake-brdf", "recipe.json", "--paths", 800_001, "--incident-deg", "0,40,80", "--dry-run", "--json", "-q")
+    content = json.loads(forecast.stdout)["content_hash"]
+    merged = tool(folder, "lut", "merge", *pair, "--content-hash", content, "-o", "checked.exr")
+    assert merged.returncode == 0 and (folder / "checked.exr").read_bytes() == whole, merged.stderr
+    other = tool(folder, "lut", "merge", *pair, "--content-hash", content[::-1], "-o", "never.exr")
+    assert other.returncode == 2
+    one_line(other.stderr, pair[0], "content hash", content[::-1])
+    assert not (folder / "never.exr").exists()
+
+
+def test_an_output_that_would_replace_its_own_input_is_refused(sharded):
+    folder, _, shard = sharded
+    pair = [shard(1, 2), shard(2, 2)]
+    before = (folder / pair[1]).read_bytes()
+    (folder / "alias").unlink(missing_ok=True)
+    (folder / "alias").symlink_to(pair[1])
+    for output in (pair[1], "alias"):
+        refused = tool(folder, "lut", "merge", *pair, "-o", output)
+        assert refused.returncode == 2 and (folder / pair[1]).read_bytes() == before
+        one_line(refused.stderr, "--output", pair[1])
+    refused = tool(folder, "bake-brdf", "recipe.json", "--paths", 1000, "-q", "-o", "./recipe.json")
+    assert refused.returncode == 2 and (folder / "recipe.json").read_text() == RECIPE
+    one_line(refused.stderr, "--output", "recipe.json")
+
+
+ENDLESS = ["/dev/zero", "/dev/urandom"]
+
+
+@pytest.mark.parametrize("device", ENDLESS)
+def test_a_device_without_end_is_refused_at_once(sharded, device):
+    folder, _, shard = sharded
+    (folder / "pearl.exr.checkpoint").unlink(missing_ok=True)
+    (folder / "pearl.exr.checkpoint").symlink_to(device)
+    for name, *args in [
+        ("lut", "merge", shard(1, 2), device, "-o", "never.exr"),
+        ("lut", "info", device),
+        ("lut", "check", device),
+        ("pearl", "furnace", device),
+        ("bake-brdf", device, "-o", "never.exr"),
+        ("bake-brdf", "--scene", device, "-o", "never.xml"),
+        ("bake-brdf", "--reproduce", device),
+        ("bake-brdf", "--paths", 1000, "--resume", "-q"),
+    ]:
+        # Half a gigabyte: what is read of it stays small.
+        limited = ["bash", "-c", 'ulimit -v 524288; exec "$@"', "bash", str(BIN / name), *map(str, args)]
+        refused = subprocess.run(limited, cwd=folder, capture_output=True, text=True, timeout=30)
+        assert refused.returncode == 2, (name, args, refused.stderr)
+        one_line(refused.stderr, "checkpoint" if "--resume" in args else device)
+    assert not (folder / "never.exr").exists()
+    (folder / "pearl.exr.checkpoint").unlink()
+
+
+UNWRITABLE = {
+    "folder": "folder",
+    "absent/pearl.exr": "no such folder",
+    "x" * 300 + ".exr": "too long",
+    "circle": "circle",
+}
+
+
+@pytest.mark.parametrize("output", UNWRITABLE)
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(tmp_path, output):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "circle").symlink_to("circle")
+    start = time.monotonic()
+    # Minutes of work, were it begun.
+    refused = tool(tmp_path, "bake-brdf", "--paths", 10**9, "-q", "-o", output)
+    assert refused.returncode == 1 and time.monotonic() - start < 30
+    one_line(refused.stderr, output, UNWRITABLE[output])
+    assert ".tmp" not in refused.stderr and sorted(path.name for path in tmp_path.iterdir()) == ["circle", "folder"]
+
+
+def test_a_link_is_written_through_also_to_a_file_yet_to_be_made(tmp_path):
+    (tmp_path / "link.exr").symlink_to("real.exr")
+    for seed in (1, 2):
+        done = tool(tmp_path, "bake-brdf", "--paths", 2000, "--incident-deg", "0,40", "--seed", seed, "-q", "-o", "link.exr")
+        assert done.returncode == 0, done.stderr
+        assert (tmp_path / "link.exr").is_symlink()
+        assert json.loads(tool(tmp_path, "lut", "info", "real.exr", "--json").stdout)["seed"] == seed
+
+
+def stopped(folder, args):
+    """The checkpoint that SIGTERM leaves of a bake."""
+    life = started(folder, *args, "--checkpoint", "--checkpoint-every", 0.1, "-q")
+    wait_for(folder / "pearl.exr.checkpoint")
+    life.send_signal(signal.SIGTERM)
+    _, stderr = life.communicate()
+    assert life.returncode == 1
+    one_line(stderr, "interrupted", "--resume")
+    return (folder / "pearl.exr.checkpoint").read_bytes()
+
+
+def test_a_checkpoint_that_cannot_be_gone_on_from_is_refused_and_kept(tmp_path):
+    args = bake_of(tmp_path, 3.0)
+    whole = baked(tmp_path, *args)
+    good = stopped(tmp_path, args)
+    checkpoint = tmp_path / "pearl.exr.checkpoint"
+    magic = b"nacre-state/1\n"
+    newer = good[len(magic) + 4 :].replace(b"bake-brdf 0.", b"bake-brdf 9.", 1)
+    damaged = {
+        "empty": b"",
+        "cut short": good[: len(good) // 2],
+        "a bit flipped": good[:100] + bytes([good[100] ^ 1]) + good[101:],
+        "of another format": good.replace(b"nacre-state/1", b"nacre-state/2"),
+        "of another version": magic + zlib.crc32(newer).to_bytes(4, "little") + newer,
+    }
+    for how, content in damaged.items():
+        checkpoint.write_bytes(content)
+        refused = tool(tmp_path, "bake-brdf", *args, "--resume", "-q")
+        assert refused.returncode == 2, how
+        one_line(refused.stderr, "pearl.exr.checkpoint", "version" if "version" in how else "bake state")
+        assert checkpoint.read_bytes() == content and not (tmp_path / "pearl.exr").exists()
+    checkpoint.write_bytes(good)
+    for other in (["--seed", 9], ["--azimuth", "walk"], ["--event-cap", 77], ["--precision", "f64"], ["--effects", "surface,blur"]):
+        flags = [word for word in args if word not in ("--seed", 3)] if "--seed" in other else args
+        refused = tool(tmp_path, "bake-brdf", *flags, *other, "--resume", "-q")
+        assert refused.returncode == 2
+        one_line(refused.stderr, "pearl.exr.checkpoint", "belongs to another bake")
+        assert checkpoint.read_bytes() == good
+    # As many threads as there were, or not.
+    resumed = tool(tmp_path, "bake-brdf", *args, "--resume", "--threads", 3, "-q")
+    assert resumed.returncode == 0, resumed.stderr
+    assert (tmp_path / "pearl.exr").read_bytes() == whole and not checkpoint.exists()
+
+
+def test_what_standard_output_cannot_take_is_named(sharded):
+    folder, _, _ = sharded
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([BIN / "bake-brdf", "schema"], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 1
+    one_line(done.stderr, "standard output", "No space left on device")

@@ -8,14 +8,16 @@
     ... -- --incident-deg 0:90:5 --azimuth walk                                    further arguments of bake-brdf
 
 Each bake is cut into shards (`bake-brdf --shard I/N`), which workers walk in any order; `lut merge` makes the table, bit
-for bit that of a bake on one machine. Shards of a worker that is lost are walked again by another. Workers need
-`bake-brdf` at the same place as here (or by --bin) and no common file system: recipes and shards travel with the tasks.
+for bit that of a bake on one machine, and only of shards that say themselves that they belong to the bake asked for.
+Shards of a worker that is lost are walked again by another. Workers need `bake-brdf` at the same place as here (or by
+--bin) and no common file system: recipes and shards travel with the tasks.
 
 Exit codes as of every tool: 0 ok, 1 runtime failure, 2 wrong usage or input.
 """
 
 import argparse
 import contextlib
+import json
 import logging
 import os
 import pathlib
@@ -24,6 +26,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from typing import NamedTuple
 
 import dask
 from dask.distributed import Client, LocalCluster, as_completed
@@ -93,13 +96,28 @@ def outputs(recipes, output):
     return [folder / f"{name}.exr" for name in names]
 
 
-def merge(lut, folder, shards, output):
-    """Makes the table of all shards; `lut` writes it whole or not at all."""
+def content_hash(binary, wanted, further):
+    """What the shards of a bake must say that they hold; a recipe or an argument that is wrong is refused here."""
+    with tempfile.TemporaryDirectory(prefix="nacre-") as folder:
+        command = [binary, *further, "--dry-run", "--json", "-q"]
+        if wanted.recipe is not None:
+            (pathlib.Path(folder) / "recipe.json").write_bytes(wanted.recipe)
+            command.insert(1, "recipe.json")
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    if done.returncode == BAD_INPUT:
+        raise Refused(f"{wanted.name}: {done.stderr.strip()}")
+    if done.returncode != 0:
+        raise RuntimeError(done.stderr.strip())
+    return json.loads(done.stdout)["content_hash"]
+
+
+def merge(lut, folder, shards, content, output):
+    """Makes the table of all shards; `lut` writes it whole or not at all, and only of shards of this content."""
     paths = []
-    for index, content in shards.items():
+    for index, shard in shards.items():
         paths.append(pathlib.Path(folder) / f"{index}.shard")
-        paths[-1].write_bytes(content)
-    done = subprocess.run([lut, "merge", *paths, "-o", output], capture_output=True, text=True)
+        paths[-1].write_bytes(shard)
+    done = subprocess.run([lut, "merge", *paths, "--content-hash", content, "-o", output], capture_output=True, text=True)
     for path in paths:
         path.unlink()
     if done.returncode != 0:
@@ -117,37 +135,46 @@ def prepare(arguments):
             raise Refused(f"{recipe}: {why.strerror}") from why
     recipes = recipes or [("the paper's pearl", None)]
     tables = outputs([name for name, _ in recipes], arguments.output)
-    return tools, [(name, content, table) for (name, content), table in zip(recipes, tables)]
+    return tools, [Wanted(*recipe, table) for recipe, table in zip(recipes, tables)]
 
 
-def bake(client, arguments, tools, recipes):
+class Wanted(NamedTuple):
+    """A table to be made."""
+
+    name: str
+    recipe: bytes | None
+    table: pathlib.Path
+
+
+def bake(client, arguments, tools, wanted):
     bake_brdf, lut = tools
     count = arguments.shards
     further = ["--paths", str(arguments.paths), *arguments.further]
+    # Of the bytes that the workers get: the file may have changed since it was read.
+    contents = [content_hash(bake_brdf, of, further) for of in wanted]
     jobs = {}
-    for which, (_, content, _) in enumerate(recipes):
+    for which, of in enumerate(wanted):
         for index in range(1, count + 1):
             future = client.submit(
-                walk_shard, bake_brdf, content, further, index, count, arguments.threads_per_shard,
+                walk_shard, bake_brdf, of.recipe, further, index, count, arguments.threads_per_shard,
                 retries=arguments.retries, pure=False,
             )
             jobs[future] = (which, index)
-    shards = [{} for _ in recipes]
+    shards = [{} for _ in wanted]
     progress = Progress(len(jobs), arguments.quiet)
     with tempfile.TemporaryDirectory(prefix="nacre-merge-") as folder:
         for future, (content, refusal) in as_completed(list(jobs), with_results=True):
             which, index = jobs.pop(future)
-            name, _, table = recipes[which]
             if refusal is not None:
                 client.cancel(list(jobs))
-                raise Refused(f"{name}: {refusal}")
+                raise Refused(f"{wanted[which].name}: {refusal}")
             shards[which][index] = content
             future.release()
             progress.step(len(client.scheduler_info()["workers"]))
             if len(shards[which]) == count:
-                merge(lut, folder, shards[which], table)
+                merge(lut, folder, shards[which], contents[which], wanted[which].table)
                 shards[which].clear()
-                print(table, flush=True)
+                print(wanted[which].table, flush=True)
 
 
 @contextlib.contextmanager

@@ -764,6 +764,8 @@ fn number(value: f64) -> String {
 }
 
 const DOCS: &str = "docs/HARD-CASES.md";
+/// Where another part of it begins.
+const PLUGIN: &str = "## The Mitsuba plugin";
 
 #[test]
 #[allow(clippy::print_stdout)] // the figures are the point
@@ -809,7 +811,11 @@ fn every_hard_case_has_its_answer() {
     }
     assert!(failed.is_empty(), "{} of {} cases: {failed:?}", failed.len(), cases.len());
     if std::env::var_os("NACRE_WRITE_DOCS").is_some() {
-        std::fs::write(root(DOCS), table).expect("the documentation is written");
+        // The plugin's part is written by the Python tests.
+        let old = std::fs::read_to_string(root(DOCS)).unwrap_or_default();
+        let plugin = old.find(PLUGIN).map_or("", |at| &old[at..]);
+        let page = if plugin.is_empty() { table } else { format!("{table}\n{plugin}") };
+        std::fs::write(root(DOCS), page).expect("the documentation is written");
     }
 }
 

@@ -182,19 +182,28 @@ fn colours_of_films_are_those_of_newton() {
 fn a_swatch_shows_the_colours_of_its_cells() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("r.json"), r#"{"stack":{"layers":4}}"#).unwrap();
+    let half_more =
+        r#"{"stack":{"layers":4,"aragonite":{"thickness_nm":675},"conchiolin":{"thickness_nm":37.5}}}"#;
+    std::fs::write(folder.path().join("half_more.json"), half_more).unwrap();
+    cells_are_those_of(&folder, "100:100:1", "r.json");
+    cells_are_those_of(&folder, "150:150:1", "half_more.json");
+}
+
+/// The swatch of `r.json` at one thickness against the colours of a recipe that is as thick.
+fn cells_are_those_of(folder: &tempfile::TempDir, percent: &str, twin: &str) {
     let run = |args: &[&str]| {
         let output = tool(folder.path(), args);
         assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
         output.stdout
     };
-    run(&["swatch", "r.json", "-o", "s.png", "--angles-deg", "0,30,60", "--thickness-percent", "100:100:1"]);
+    run(&["swatch", "r.json", "-o", "s.png", "--angles-deg", "0,30,60", "--thickness-percent", percent]);
     let file = std::io::BufReader::new(std::fs::File::open(folder.path().join("s.png")).unwrap());
     let mut reader = png::Decoder::new(file).read_info().unwrap();
     let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
     let frame = reader.next_frame(&mut pixels).unwrap();
     let channels = frame.color_type.samples();
     let colours: Value =
-        serde_json::from_slice(&run(&["colour", "r.json", "--angles-deg", "0,30,60", "--json"])).unwrap();
+        serde_json::from_slice(&run(&["colour", twin, "--angles-deg", "0,30,60", "--json"])).unwrap();
     let linear: Vec<Vec<f64>> = colours["colours"]
         .as_array()
         .unwrap()

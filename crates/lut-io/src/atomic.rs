@@ -2,12 +2,12 @@
 
 use std::fs;
 use std::io::{self, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Writes `bytes` to `path` so that a reader sees the old file or the whole new one, never a part.
 ///
-/// A symbolic link is followed. What is neither a file nor absent (a pipe, `/dev/null`) is written to directly:
-/// renaming over it would replace the device.
+/// A symbolic link is followed, also one whose file is yet to be made. What is neither a file nor absent (a pipe,
+/// `/dev/null`) is written to directly: renaming over it would replace the device.
 ///
 /// # Errors
 /// Those of the operating system; the destination is then untouched and the temporary file removed.
@@ -16,7 +16,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
         Ok(known) if known.is_dir() => return Err(io::ErrorKind::IsADirectory.into()),
         Ok(known) if !known.is_file() => return write_directly(path, bytes),
         Ok(_) => fs::canonicalize(path)?,
-        Err(_) => path.to_owned(),
+        Err(_) => end_of_links(path)?,
     };
     let directory = folder_of(&destination);
     let mut builder = tempfile::Builder::new();
@@ -37,6 +37,59 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
         let _ = fs::File::open(directory).and_then(|directory| directory.sync_all());
     }
     Ok(())
+}
+
+/// Whether [`write()`] has somewhere to put `path`: finds out before the work what would end it after.
+///
+/// # Errors
+/// Those of the operating system; nothing is left behind.
+pub fn check(path: &Path) -> io::Result<()> {
+    let destination = match fs::metadata(path) {
+        Ok(known) if known.is_dir() => return Err(io::ErrorKind::IsADirectory.into()),
+        Ok(known) if !known.is_file() => return fs::OpenOptions::new().write(true).open(path).map(drop),
+        Ok(_) => fs::canonicalize(path)?,
+        Err(_) => end_of_links(path)?,
+    };
+    let folder = folder_of(&destination);
+    if !folder.is_dir() {
+        return Err(io::Error::new(io::ErrorKind::NotFound, format!("{}: no such folder", folder.display())));
+    }
+    // The error of a temporary file would name that.
+    let part = tempfile::NamedTempFile::new_in(folder);
+    part.map(drop).map_err(|error| io::Error::new(error.kind(), plain(&error)))
+}
+
+/// What went wrong, without the name of the temporary file that it went wrong with.
+fn plain(error: &io::Error) -> String {
+    let inner =
+        std::error::Error::source(error.get_ref().map_or(error as &dyn std::error::Error, |inner| inner));
+    inner.map_or_else(|| error.to_string(), ToString::to_string)
+}
+
+/// Links that are followed before they count as a circle (as Linux does).
+const MOST_LINKS: usize = 40;
+
+/// What a path means that cannot be opened: where its links lead, if it is one.
+///
+/// # Errors
+/// A circle of links, or a name that no file can have.
+fn end_of_links(path: &Path) -> io::Result<PathBuf> {
+    let mut end = path.to_owned();
+    for _ in 0..MOST_LINKS {
+        match fs::symlink_metadata(&end) {
+            Ok(known) if known.is_symlink() => end = folder_of(&end).join(fs::read_link(&end)?),
+            Err(error) if error.kind() == io::ErrorKind::InvalidFilename => return Err(error),
+            _ => return Ok(end),
+        }
+    }
+    Err(io::Error::other("a circle of symbolic links"))
+}
+
+/// Whether two paths name one and the same file that is there; devices do not count.
+#[must_use]
+pub fn same_file(a: &Path, b: &Path) -> bool {
+    let file = |path: &Path| fs::canonicalize(path).ok().filter(|path| path.is_file());
+    file(a).is_some_and(|a| file(b) == Some(a))
 }
 
 /// The folder of a file; `.` for a bare name.
@@ -80,6 +133,38 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         assert!(write(&directory.path().join("absent/a.exr"), b"x").is_err());
         assert!(write(directory.path(), b"x").is_err());
+        assert!(names(directory.path()).is_empty());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_are_followed_to_files_old_and_new() {
+        use std::os::unix::fs::symlink;
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        symlink("new", at("first")).unwrap();
+        symlink("first", at("second")).unwrap();
+        for content in [b"old", b"new"] {
+            check(&at("second")).unwrap();
+            write(&at("second"), content).unwrap();
+            assert_eq!(fs::read(at("new")).unwrap(), content);
+        }
+        symlink("b", at("a")).unwrap();
+        symlink("a", at("b")).unwrap();
+        for refused in [check(&at("a")), write(&at("a"), b"x")] {
+            assert!(refused.unwrap_err().to_string().contains("circle"));
+        }
+        assert_eq!(names(directory.path()), ["a", "b", "first", "new", "second"]);
+    }
+
+    #[test]
+    fn what_cannot_be_written_is_known_before() {
+        let directory = tempfile::tempdir().unwrap();
+        let refusal = |name: &str| check(&directory.path().join(name)).unwrap_err();
+        let absent = refusal("absent/a.exr").to_string();
+        assert!(absent.ends_with("absent: no such folder"), "{absent}");
+        assert_eq!(refusal("").kind(), io::ErrorKind::IsADirectory);
+        assert_eq!(refusal(&"x".repeat(300)).kind(), io::ErrorKind::InvalidFilename);
         assert!(names(directory.path()).is_empty());
     }
 

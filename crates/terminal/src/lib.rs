@@ -56,9 +56,10 @@ impl From<std::io::Error> for Stop {
 /// Any other failure to write is [`Stop::Failure`].
 pub fn print(text: &str) -> Outcome {
     let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())?;
-    out.flush()?;
-    Ok(())
+    out.write_all(text.as_bytes()).and_then(|()| out.flush()).map_err(|why| match Stop::from(why) {
+        Stop::Failure(why) => Stop::Failure(format!("standard output: {why}")),
+        stop => stop,
+    })
 }
 
 /// Writes one JSON value and a newline to stdout.

@@ -427,6 +427,22 @@ fn light_from_below_keeps_the_accuracy_at_the_critical_angle() {
     }
 }
 
+/// Light that enters a first layer of low index near its critical angle (64°) runs along the horizon and leaves in a lobe
+/// narrow in azimuth: the first attempt has the modes for it, so that the price that was forecast is the price that is paid.
+#[test]
+fn a_first_layer_of_low_index_keeps_the_accuracy_at_the_first_attempt() {
+    let transport = Transport::alternating(20, 0.9, 0.8, 1.53, 6_f64.to_radians());
+    let theta_i = degrees(&[30.0, 60.0, 64.0, 70.0]);
+    let asked = 1e-2;
+    let solution = solve_to(&transport, Geometry::Space, &theta_i, asked, false).unwrap();
+    assert_eq!(solution.settings, Settings::for_accuracy(&transport, Geometry::Space, asked));
+    let truth = solve(&transport, Geometry::Space, &theta_i, &settings(72, 96)).unwrap();
+    for i in 0..theta_i.len() {
+        let apart = interiors_apart(&solution, &truth, i);
+        assert!(apart <= asked, "{i}: {apart:e}");
+    }
+}
+
 #[test]
 fn what_cannot_be_solved_is_refused_with_the_reason() {
     let refused = |transport: &Transport, geometry: Geometry, theta: f64| {

@@ -19,6 +19,11 @@ _DIFFUSE, _INCOHERENT, _MIRROR, _BLUR = range(4)
 _tables = {}
 
 
+def _above(direction):
+    """Whether a direction points above the surface: false where a component is infinite or not a number."""
+    return (direction.z > 0.0) & (dr.squared_norm(direction) < dr.inf)
+
+
 def load_table(filename):
     """The table of a file, read once as long as the file stays as it is."""
     path = mi.file_resolver().resolve(str(filename))
@@ -160,7 +165,7 @@ def _pearl(base):
         def sample(self, ctx, si, sample1, sample2, active=True):
             types = self.types
             record = dr.zeros(types.BSDFSample3f)
-            active = active & (si.wi.z > 0.0)
+            active = active & _above(si.wi)
             if not types.jit and not active:
                 return record, mi.depolarizer(types.UnpolarizedSpectrum(0.0))
             wi = dr.select(active, si.wi, types.Vector3f(0.0, 0.0, 1.0))
@@ -213,8 +218,8 @@ def _pearl(base):
             wi, wo = si.wi, types.Vector3f(wo)
             # What depends on wi alone is computed under the mask of wi alone, here and in `sample`: where an integrator asks
             # for both, Dr.Jit then computes it once.
-            lit = active & (wi.z > 0.0)
-            active = lit & (wo.z > 0.0)
+            lit = active & _above(wi)
+            active = lit & _above(wo)
             if not types.jit and not active:
                 return types.UnpolarizedSpectrum(0.0), types.Float(0.0)
             normal = types.Vector3f(0.0, 0.0, 1.0)

@@ -7,12 +7,10 @@
 //! of bands rests on it: every band is then solved as a bake of that wavelength alone would be.
 
 use super::{BakeError, COARSEST_DOUBLING, Request, Target, assemble, exit_axis};
-use crate::effects::{Effect, EffectSet};
+use crate::effects::Effect;
 use crate::recipe::Recipe;
 use crate::spectra;
 use rayon::prelude::*;
-use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
 use thinfilm::{Dispersion, colour};
 use transport::doubling::{self, Settings};
 use transport::{Geometry, Light, Transport};
@@ -40,17 +38,6 @@ pub struct Bands {
     pub further_nm: Vec<f64>,
     /// What reading between them adds to the error: total variation, per cent of the reflected light.
     pub interpolation_percent: f64,
-}
-
-/// Bands that this process has chosen, so that a plan, the choice of a solver, and the bake do it once.
-static CHOSEN: Mutex<Vec<Chosen>> = Mutex::new(Vec::new());
-/// Most choices that are remembered: more than a scene has tables.
-const MOST_CHOSEN: usize = 256;
-
-struct Chosen {
-    key: (Recipe, EffectSet, f64),
-    bands: Bands,
-    seconds: f64,
 }
 
 /// Shares of the incident light by incidence and cell.
@@ -107,47 +94,15 @@ impl Request {
         if !(self.effects.contains(Effect::Dispersion) && self.effects.has_lobe()) {
             return Ok(Bands::own(&self.recipe));
         }
-        Ok(self.remembered_bands()?.0)
-    }
-
-    /// Seconds that choosing the bands took this process (it is done once for a request): 0 where there is nothing to choose.
-    ///
-    /// # Errors
-    /// As [`Self::bands`].
-    pub fn bands_seconds(&self) -> Result<f64, BakeError> {
-        if !(self.effects.contains(Effect::Dispersion) && self.effects.has_lobe()) {
-            return Ok(0.0);
-        }
-        Ok(self.remembered_bands()?.1)
-    }
-
-    /// The bands of a dispersed lobe and the seconds that choosing them took.
-    fn remembered_bands(&self) -> Result<(Bands, f64), BakeError> {
         let share = match self.target {
             Target::AccuracyPercent(percent) => percent / 100.0,
             Target::Paths(_) | Target::Time(_) => DEFAULT_SHARE,
         };
-        // All that the choice depends on.
-        let key = (self.recipe.clone(), self.effects, share);
-        {
-            let chosen = CHOSEN.lock().unwrap_or_else(PoisonError::into_inner);
-            if let Some(known) = chosen.iter().find(|known| known.key == key) {
-                return Ok((known.bands.clone(), known.seconds));
-            }
-        }
-        let started = Instant::now();
         let settings = cheap_settings(&self.transport()?, share);
-        let bands = match chosen(self, share, settings.as_ref()) {
+        match chosen(self, share, settings.as_ref()) {
             Err(BakeError::Doubling(_)) => chosen(self, share, None),
             bands => bands,
-        }?;
-        let seconds = started.elapsed().as_secs_f64();
-        let mut chosen = CHOSEN.lock().unwrap_or_else(PoisonError::into_inner);
-        if chosen.len() >= MOST_CHOSEN {
-            chosen.remove(0);
         }
-        chosen.push(Chosen { key, bands: bands.clone(), seconds });
-        Ok((bands, seconds))
     }
 
     /// The same request at a wavelength, nm.
@@ -280,6 +235,7 @@ fn missed(a: &Lobes, b: &Lobes, t: f64, lobe: &Lobes) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::EffectSet;
 
     fn request(text: &str, percent: f64) -> Request {
         let request = Request::new(Recipe::from_json(text).unwrap(), Target::AccuracyPercent(percent));
@@ -304,21 +260,6 @@ mod tests {
         let own = Request { effects: dispersed.effects.without(Effect::Dispersion), ..dispersed.clone() };
         let effort = |request: &Request| crate::bake::sampling::scout(request, 0.01).unwrap();
         assert_eq!(effort(&dispersed), effort(&own));
-    }
-
-    #[test]
-    fn bands_are_chosen_once_for_a_recipe_its_effects_and_an_accuracy() {
-        let first = request(GLASSY, 0.7);
-        let took = first.bands_seconds().unwrap();
-        assert!(took > 0.0);
-        // What else a request says does not matter: seed, incidences.
-        let again = Request { seed: 5, incident_deg: vec![0.0, 50.0], ..first.clone() };
-        assert_eq!((again.bands_seconds().unwrap(), again.bands().unwrap()), (took, first.bands().unwrap()));
-        let other = GLASSY.replace("0.02", "0.04");
-        assert_ne!(request(&other, 0.7).bands().unwrap(), first.bands().unwrap());
-        assert_ne!(request(GLASSY, 5.0).bands().unwrap(), first.bands().unwrap());
-        let clear = Request { effects: first.effects.without(Effect::Dispersion), ..first.clone() };
-        assert_eq!(clear.bands_seconds().unwrap(), 0.0);
     }
 
     #[test]

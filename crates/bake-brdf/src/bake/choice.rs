@@ -10,7 +10,7 @@
 use super::halfway::{self, Auxiliary};
 use super::{BakeError, COARSEST_DOUBLING, Request, SolverChoice, Target, exit_axis, sampling, walk_only};
 use lut_io::axis::ExitAxis;
-use transport::doubling::{OPERATIONS, Settings, prices};
+use transport::doubling::{DoublingError, OPERATIONS, Settings, prices};
 use transport::walk::lanes::Precision;
 use transport::{Geometry, Normals, Transport};
 
@@ -97,7 +97,7 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
     }
     let geometry = request.geometry();
     let settings = settings(&transport, geometry, percent / 100.0);
-    if let Err(why) = settings.check(&transport, geometry, &request.theta_i()) {
+    if let Err(why) = check_doubling(request, &transport, percent / 100.0) {
         return Ok((SolverChoice::Walk, format!("doubling is out of reach here: {why}")));
     }
     let counts = counts(request)?;
@@ -134,7 +134,7 @@ pub fn counts(request: &Request) -> Result<Counts, BakeError> {
     }
     Ok(Counts {
         doubling: doubling_counts(request, &transport, percent / 100.0),
-        rows: row_counts(&axis, &settings, solved_incidences(request)),
+        rows: row_counts(&axis, &settings, solved_incidences(request).len()),
         walk: [
             crossing_weight(request, &transport) * effort.crossings,
             effort.paths,
@@ -149,9 +149,23 @@ pub(super) fn settings(transport: &Transport, geometry: Geometry, accuracy: f64)
     Settings::for_accuracy(transport, geometry, accuracy.min(COARSEST_DOUBLING))
 }
 
-/// Incidences that doubling solves: those asked for, and some half-way between them.
-fn solved_incidences(request: &Request) -> usize {
-    request.incident_deg.len() + halfway::intervals(&request.theta_i()).len()
+/// Refuses what doubling would refuse before it begins.
+pub(super) fn check_doubling(
+    request: &Request,
+    transport: &Transport,
+    accuracy: f64,
+) -> Result<(), DoublingError> {
+    let geometry = request.geometry();
+    let settings = settings(transport, geometry, accuracy);
+    settings.check_first_attempt(transport, geometry, &solved_incidences(request)).map(drop)
+}
+
+/// Incidences that doubling solves, radians: those asked for, and some half-way between them.
+fn solved_incidences(request: &Request) -> Vec<f64> {
+    let mut theta_i = request.theta_i();
+    let intervals = halfway::intervals(&theta_i);
+    theta_i.extend(halfway::middles(&theta_i, &intervals));
+    theta_i
 }
 
 /// [`OPERATIONS`] of doubling to `accuracy` (a share), its error estimate included.
@@ -161,8 +175,9 @@ pub(super) fn doubling_counts(
     accuracy: f64,
 ) -> [f64; OPERATIONS.len()] {
     let settings = settings(transport, request.geometry(), accuracy);
+    let incidences = solved_incidences(request).len();
     let [fine, coarse] = [settings, settings.coarser()]
-        .map(|settings| settings.cost(transport, request.geometry(), solved_incidences(request)).counts);
+        .map(|settings| settings.cost(transport, request.geometry(), incidences).counts);
     std::array::from_fn(|i| fine[i] + coarse[i])
 }
 

@@ -379,6 +379,9 @@ pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
     if let Some(why) = walk_only(&transport) {
         return Err(BakeError::Input(format!("solver doubling: {why}; use --solver walk or auto")));
     }
+    if transport.facets.slope_sd > 0.0 {
+        choice::check_doubling(request, &transport, percent / 100.0)?;
+    }
     let bands = request.bands()?;
     if sides == Sides::Both && !bands.further_nm.is_empty() {
         let line = "both-sides: holds one wavelength, expected --effects without dispersion";
@@ -566,11 +569,7 @@ fn doubling_seconds(request: &Request, transport: &Transport) -> Result<f64, Bak
     if transport.facets.slope_sd == 0.0 {
         return Ok(0.0); // a closed form
     }
-    choice::settings(transport, request.geometry(), percent / 100.0).check(
-        transport,
-        request.geometry(),
-        &request.theta_i(),
-    )?;
+    choice::check_doubling(request, transport, percent / 100.0)?;
     let counts = choice::doubling_counts(request, transport, percent / 100.0);
     Ok(choice::solver_seconds(request.geometry(), &counts) / rayon::current_num_threads() as f64)
 }

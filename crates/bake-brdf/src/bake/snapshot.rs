@@ -11,7 +11,7 @@ use crate::tally::{CHUNK, Tally};
 use lut_io::dispersion::MOST_BANDS;
 use lut_io::table::Table;
 use serde::{Deserialize, Serialize};
-use std::io;
+use std::io::{self, Read as _};
 use std::path::Path;
 use transport::walk::lanes::Precision;
 
@@ -146,10 +146,21 @@ impl Snapshot {
     /// # Errors
     /// The file cannot be read, or is not a whole snapshot.
     pub fn read(path: &Path) -> Result<Self, SnapshotError> {
-        if std::fs::metadata(path)?.len() > MAX_BYTES {
-            return Err(SnapshotError::Damaged(format!("longer than {MAX_BYTES} bytes")));
+        let mut file = std::fs::File::open(path)?;
+        let too_long = || Err(SnapshotError::Damaged(format!("longer than {MAX_BYTES} bytes")));
+        if file.metadata()?.len() > MAX_BYTES {
+            return too_long();
         }
-        Self::decode(&std::fs::read(path)?)
+        // What says by its first bytes that it is something else is not read: a device has no end.
+        let mut bytes = Vec::new();
+        (&mut file).take(MAGIC.len() as u64).read_to_end(&mut bytes)?;
+        if bytes == MAGIC {
+            file.take(MAX_BYTES).read_to_end(&mut bytes)?;
+        }
+        if bytes.len() as u64 > MAX_BYTES {
+            return too_long();
+        }
+        Self::decode(&bytes)
     }
 
     /// Decodes the bytes of a snapshot file.
@@ -219,6 +230,11 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
     let Some((first_name, first)) = shards.first() else {
         return refuse("no shards to merge".to_owned());
     };
+    if first.writer != writer() {
+        let line =
+            format!("{first_name}: walked by {}, this is {}; merge it with that", first.writer, writer());
+        return refuse(line);
+    }
     let mut seen: Vec<Option<&str>> = vec![None; first.shard.count as usize];
     for (name, shard) in shards {
         if let Err(why) = first.same_bake(shard) {
@@ -327,6 +343,16 @@ mod tests {
         let mut foreign = parts.clone();
         foreign[1].1.recipe = crate::recipe::Recipe::default().to_json().to_string();
         assert!(refusal(&foreign).contains("s2: belongs to another bake: the recipe differs"));
+        let mut older = parts.clone();
+        older.iter_mut().for_each(|(_, shard)| shard.writer = "bake-brdf 0.0.9".to_owned());
+        assert!(refusal(&older).contains("s1: walked by bake-brdf 0.0.9, this is bake-brdf"));
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_device_without_end_is_refused_by_its_first_bytes() {
+        let refusal = Snapshot::read(Path::new("/dev/zero")).unwrap_err().to_string();
+        assert!(refusal.contains("does not start with nacre-state/1"), "{refusal}");
     }
 
     proptest! {

@@ -93,6 +93,7 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
         Some(Shard { index, count }) => format!("pearl-{index}-of-{count}.shard").into(),
     });
     let sides = sides(args, &terms)?;
+    not_the_recipe(args, &output)?;
     writable(&output)?;
     let started = Instant::now();
     if let Some(shard) = shard {
@@ -152,6 +153,9 @@ pub(super) fn bake_to(
 ) -> Result<Table, Stop> {
     let keeper = Keeper::new(output, kept.from_the_start, kept.every, request);
     let table = if solver == SolverChoice::Doubling {
+        if (kept.resume || kept.from_the_start) && !manners.quiet {
+            say("doubling keeps no checkpoint and goes on from none; solving from the start");
+        }
         bake::doubling(request, Sides::Above).map_err(stop)?
     } else {
         // Only the walk has something to keep when it is interrupted; doubling just ends.
@@ -323,12 +327,22 @@ pub(super) fn stop(error: BakeError) -> Stop {
 
 /// Finds out that the output cannot be written before the work rather than after it.
 pub(super) fn writable(output: &Path) -> Outcome {
-    let folder = lut_io::atomic::folder_of(output);
     let named = |why: String| Stop::failure(format!("{}: cannot be written: {why}", output.display()));
     if output.is_dir() {
         return Err(named("it is a folder; name a file".to_owned()));
     }
-    tempfile::NamedTempFile::new_in(folder).map(drop).map_err(|error| named(error.to_string()))
+    lut_io::atomic::check(output).map_err(|error| named(error.to_string()))
+}
+
+/// Refuses an output that would take the place of the recipe.
+fn not_the_recipe(args: &BakeArgs, output: &Path) -> Outcome {
+    match &args.recipe {
+        Some(recipe) if lut_io::atomic::same_file(recipe, output) => Err(Stop::BadInput(format!(
+            "--output: {} is the recipe itself, expected a file of its own for the table",
+            output.display()
+        ))),
+        _ => Ok(()),
+    }
 }
 
 /// Runs a bake with a progress bar, a forecast and, where there is a keeper, checkpoints.
@@ -391,6 +405,7 @@ fn dry_run(request: &Request, solver: SolverChoice, manners: &Manners) -> Outcom
             "paths": forecast.paths,
             "bytes": forecast.bytes,
             "incidences": request.incident_deg.len(),
+            "content_hash": bake::content_hash(request, solver),
         }));
     }
     let how = match solver {

@@ -115,12 +115,7 @@ fn bake(table: &PlannedTable, folder: &Path, name: String, manners: &Manners) ->
         bake_to(&table.request, table.solver, &path, kept, manners)?;
     }
     let bytes = std::fs::metadata(&path).map_or(0, |data| data.len());
-    let mut seconds = started.elapsed().as_secs_f64();
-    if !reused {
-        // The bands of this table were chosen when it was planned.
-        seconds += table.request.bands_seconds().map_err(super::bake::stop)?;
-    }
-    Ok(Done { name, reused, seconds, bytes })
+    Ok(Done { name, reused, seconds: started.elapsed().as_secs_f64(), bytes })
 }
 
 /// The content hash of a whole and valid table.

@@ -1,7 +1,8 @@
 //! `lut merge`: the table of a bake that was walked in shards.
 
-use bake_brdf::bake::snapshot::{self, Snapshot};
-use lut_io::exr_file;
+use bake_brdf::bake::snapshot::{self, Snapshot, SnapshotError};
+use bake_brdf::bake::{SolverChoice, content_hash};
+use lut_io::{atomic, exr_file};
 use std::path::PathBuf;
 use terminal::{Outcome, Stop};
 
@@ -13,13 +14,30 @@ pub(crate) struct MergeArgs {
     /// Table to write.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// Merge only shards of the bake that has this content hash (`bake-brdf … --dry-run --json` says it).
+    #[arg(long, value_name = "HASH")]
+    content_hash: Option<String>,
 }
 
 pub(crate) fn run(args: &MergeArgs) -> Outcome {
     let mut shards = Vec::with_capacity(args.shards.len());
     for path in &args.shards {
         let name = path.display().to_string();
-        let snapshot = Snapshot::read(path).map_err(|why| Stop::bad_input(format!("{name}: {why}")))?;
+        if atomic::same_file(path, &args.output) {
+            return Err(Stop::BadInput(format!(
+                "--output: {name} is one of the shards, expected a file of its own for the table"
+            )));
+        }
+        let named = |why: SnapshotError| Stop::bad_input(format!("{name}: {why}"));
+        let snapshot = Snapshot::read(path).map_err(named)?;
+        if let Some(wanted) = &args.content_hash {
+            let found = content_hash(&snapshot.request().map_err(named)?, SolverChoice::Walk);
+            if found != *wanted {
+                return Err(Stop::BadInput(format!(
+                    "{name}: belongs to another bake: its content hash is {found}, expected {wanted}"
+                )));
+            }
+        }
         shards.push((name, snapshot));
     }
     let table = snapshot::merge(&shards).map_err(Stop::bad_input)?;

@@ -146,12 +146,9 @@ impl Pearl {
 
     /// The same with the controls changed last.
     pub(crate) fn bsdf_with(&self, change: impl FnOnce(&mut Controls)) -> Result<PearlBsdf, Stop> {
-        let table = lut_io::exr_file::read(&self.table).map_err(|error| match error {
-            // A file that is not there is the user's mistake.
-            lut_io::LutError::Io { ref source, .. } if source.kind() != std::io::ErrorKind::NotFound => {
-                Stop::failure(error)
-            }
-            _ => Stop::bad_input(error),
+        let table = lut_io::exr_file::read(&self.table).map_err(|error| match error.is_bad_input() {
+            true => Stop::bad_input(error),
+            false => Stop::failure(error),
         })?;
         let mut controls = Controls::of(&table.meta);
         controls.depth = self.depth.unwrap_or(controls.depth);

@@ -244,9 +244,11 @@ pub fn solve_to(
         return Err(DoublingError::Domain { field: "total_variation", value: total_variation, expected });
     }
     let mut settings = Settings::for_accuracy(transport, geometry, total_variation);
+    // Attempts that each could be paid for can be too dear together.
+    let mut spent = settings.check_first_attempt(transport, geometry, theta_i)?;
     let mut coarse = solve(transport, geometry, theta_i, &settings.coarser())?;
     let mut reached = f64::INFINITY;
-    for _ in 0..ATTEMPTS {
+    for attempt in 1..=ATTEMPTS {
         let mut solution = solve(transport, geometry, theta_i, &settings)?;
         solution.compare(&coarse);
         reached = solution.error.as_ref().map_or(reached, ErrorEstimate::worst);
@@ -258,6 +260,9 @@ pub fn solve_to(
         }
         settings = settings.finer();
         coarse = solution;
+        if attempt < ATTEMPTS {
+            spent = settings.check_price(transport, geometry, theta_i.len(), spent)?;
+        }
     }
     Err(DoublingError::NotReached { asked: total_variation, reached, nodes: coarse.settings.nodes })
 }
@@ -288,7 +293,7 @@ fn solve_below(
     above: &Settings,
     total_variation: f64,
 ) -> Result<Solution, DoublingError> {
-    let wanted = Settings::for_accuracy(turned, geometry, total_variation);
+    let wanted = Settings::for_lobe(turned, geometry, total_variation);
     let affordable = |settings: &Settings| settings.check(turned, geometry, theta_i).is_ok();
     let mut settings =
         Settings { nodes: above.nodes.max(wanted.nodes), modes: above.modes.max(wanted.modes), ..*above };

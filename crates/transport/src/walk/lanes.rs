@@ -349,7 +349,7 @@ fn run<R: Real>(
     }
 }
 
-/// Tracked light and sheets: one kernel each, for any stack, slope and absorption.
+/// Tracked light and sheets: kernels for any stack and slope, with and without absorption.
 fn eventful<R: Real>(
     level: SimdLevel,
     variant: Variant,
@@ -357,17 +357,26 @@ fn eventful<R: Real>(
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    match (variant.event, variant.shape, variant.visible) {
-        (TRACKED, _, false) => compiled::<R, 6, false, true, EXPLICIT, TRACKED>(level, problem, job, out),
-        (TRACKED, _, true) => compiled::<R, 6, true, true, EXPLICIT, TRACKED>(level, problem, job, out),
-        (SHEETS, SPACE, false) => {
-            compiled::<R, SPACE, false, true, EXPLICIT, SHEETS>(level, problem, job, out)
-        }
-        (SHEETS, SPACE, true) => compiled::<R, SPACE, true, true, EXPLICIT, SHEETS>(level, problem, job, out),
-        (SHEETS, _, false) => compiled::<R, 6, false, true, EXPLICIT, SHEETS>(level, problem, job, out),
-        (SHEETS, _, true) => compiled::<R, 6, true, true, EXPLICIT, SHEETS>(level, problem, job, out),
-        (_, _, false) => compiled::<R, 6, false, true, EXPLICIT, TRACKED_SHEETS>(level, problem, job, out),
-        (_, _, true) => compiled::<R, 6, true, true, EXPLICIT, TRACKED_SHEETS>(level, problem, job, out),
+    match (variant.visible, variant.absorb) {
+        (false, false) => met::<R, false, false>(level, variant, problem, job, out),
+        (false, true) => met::<R, false, true>(level, variant, problem, job, out),
+        (true, false) => met::<R, true, false>(level, variant, problem, job, out),
+        (true, true) => met::<R, true, true>(level, variant, problem, job, out),
+    }
+}
+
+fn met<R: Real, const VISIBLE: bool, const ABSORB: bool>(
+    level: SimdLevel,
+    variant: Variant,
+    problem: &Problem<R>,
+    job: &Job,
+    out: &mut [Exit],
+) -> u64 {
+    match (variant.event, variant.shape) {
+        (TRACKED, _) => compiled::<R, 6, VISIBLE, ABSORB, EXPLICIT, TRACKED>(level, problem, job, out),
+        (SHEETS, SPACE) => compiled::<R, SPACE, VISIBLE, ABSORB, EXPLICIT, SHEETS>(level, problem, job, out),
+        (SHEETS, _) => compiled::<R, 6, VISIBLE, ABSORB, EXPLICIT, SHEETS>(level, problem, job, out),
+        _ => compiled::<R, 6, VISIBLE, ABSORB, EXPLICIT, TRACKED_SHEETS>(level, problem, job, out),
     }
 }
 

@@ -205,12 +205,12 @@ impl<R: Real> Lanes<R> {
         if STACK != EXPLICIT {
             return self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, BOTH>(problem, count);
         }
-        self.look_ahead(problem, count);
+        self.look_ahead::<ABSORB>(problem, count);
         let ended = self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, FIRST>(problem, count);
         if SHAPE == SPACE {
             return ended;
         }
-        self.look_ahead(problem, count);
+        self.look_ahead::<ABSORB>(problem, count);
         self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, SECOND>(problem, count)
     }
 
@@ -244,12 +244,14 @@ impl<R: Real> Lanes<R> {
 
     /// Looks up the interfaces that the rays of an explicit stack head for.
     #[inline(always)]
-    fn look_ahead(&mut self, problem: &Problem<R>, count: usize) {
+    fn look_ahead<const ABSORB: bool>(&mut self, problem: &Problem<R>, count: usize) {
         for lane in 0..count {
             let ahead = problem.explicit(self.interface[lane], self.step[lane]);
             self.ratio[lane] = ahead.ratio;
-            self.here[lane] = ahead.here;
-            self.beyond[lane] = ahead.beyond;
+            if ABSORB {
+                self.here[lane] = ahead.here;
+                self.beyond[lane] = ahead.beyond;
+            }
         }
     }
 

@@ -1,0 +1,111 @@
+//! What the library itself refuses, and plates thick enough that intensities add, against closed forms.
+
+use thinfilm::intensity::{self, Light};
+use thinfilm::{
+    Gain, Incidence, Layer, Material, Multilayer, Polarisation, Run, Stack, StackLayer, StackRun, WaveError,
+};
+
+const NM: f64 = 1e-9;
+
+fn absorbing(n: f64, k: f64) -> Material {
+    Material { k, ..Material::constant(n) }
+}
+
+fn stack(materials: Vec<Material>, thicknesses: &[f64], gain: Gain) -> Stack {
+    let layer = |(material, &thickness)| StackLayer { material, thickness, thickness_sd: 0.0 };
+    Stack {
+        ambient: Material::constant(1.0),
+        runs: vec![StackRun { unit: thicknesses.iter().enumerate().map(layer).collect(), repeat: 1 }],
+        materials,
+        substrate: Material::constant(1.5),
+        gain,
+    }
+}
+
+#[test]
+fn gain_is_refused_by_the_stack_unless_it_is_asked_for() {
+    let amplifier = |gain| stack(vec![absorbing(1.6, -1e-9)], &[100.0 * NM], gain);
+    let refusal = amplifier(Gain::Refused).at(550.0 * NM).unwrap_err().to_string();
+    assert!(refusal.contains("k = -0.000000001"), "{refusal}");
+    amplifier(Gain::Allowed).at(550.0 * NM).unwrap();
+}
+
+#[test]
+fn the_solver_refuses_angles_wavelengths_and_thicknesses_that_are_none() {
+    let solve = |thickness: f64, wavelength: f64, theta: f64| {
+        let unit = vec![Layer { index: 1.6.into(), thickness }];
+        let multilayer =
+            Multilayer { ambient: 1.0.into(), runs: vec![Run { unit, repeat: 1 }], substrate: 1.5.into() };
+        multilayer.solve(wavelength, Incidence::Angle(theta), Polarisation::S)
+    };
+    let (thickness, wavelength, theta) = (100.0 * NM, 550.0 * NM, 0.5);
+    solve(thickness, wavelength, theta).unwrap();
+    for angle in [91_f64.to_radians(), -1e-3, f64::NAN, f64::INFINITY] {
+        let refusal = solve(thickness, wavelength, angle).unwrap_err();
+        assert!(matches!(refusal, WaveError::Angle { .. }), "{angle}: {refusal}");
+    }
+    for length in [0.0, -wavelength, f64::NAN, f64::INFINITY] {
+        let refusal = solve(thickness, length, theta).unwrap_err();
+        assert!(matches!(refusal, WaveError::Wavelength { .. }), "{length}: {refusal}");
+    }
+    for length in [-1e-12, f64::NAN, f64::INFINITY] {
+        let refusal = solve(length, wavelength, theta).unwrap_err();
+        assert!(matches!(refusal, WaveError::Thickness { .. }), "{length}: {refusal}");
+    }
+}
+
+/// A plate of 1 mm under a coating that absorbs, so that its two faces reflect differently: light that goes to and fro in the
+/// plate is a geometric series of the coating's response from either side.
+#[test]
+fn a_plate_under_an_absorbing_coating_is_a_geometric_series() {
+    let (coating, k, wavelength) = (absorbing(2.0, 0.3), 2e-5, 550.0 * NM);
+    let [film, plate] = [80.0 * NM, 1e-3];
+    let coated = stack(vec![coating, absorbing(1.7, k)], &[film, plate], Gain::Refused);
+    for theta in [0.0_f64, 0.7, 1.3] {
+        for pol in Polarisation::BOTH {
+            // One interface or film by itself, from a medium of real index.
+            let alone = |above: f64, layers: Vec<Layer>, below: f64| {
+                let runs = vec![Run { unit: layers, repeat: 1 }];
+                let multilayer = Multilayer { ambient: above.into(), runs, substrate: below.into() };
+                multilayer.solve(wavelength, Incidence::InPlane(theta.sin()), pol).unwrap()
+            };
+            let layer = || vec![Layer { index: num_complex::Complex64::new(2.0, 0.3), thickness: film }];
+            let (down, up, bottom) =
+                (alone(1.0, layer(), 1.7), alone(1.7, layer(), 1.0), alone(1.7, Vec::new(), 1.5));
+            assert!((down.reflectance - up.reflectance).abs() > 1e-3, "{theta}");
+            let path = plate / (1.0 - (theta.sin() / 1.7).powi(2)).sqrt();
+            let once = (-2.0 * std::f64::consts::TAU / wavelength * k * path).exp();
+            let round_trips = 1.0 - up.reflectance * bottom.reflectance * once * once;
+            let reflectance = down.reflectance
+                + down.transmittance * bottom.reflectance * up.transmittance * once * once / round_trips;
+            let transmittance = down.transmittance * once * bottom.transmittance / round_trips;
+            let whole =
+                intensity::mixed(&coated, |layer| layer.thickness > 1e-4, wavelength, theta, pol).unwrap();
+            // The path takes k as a perturbation of cos θ: k² = 4e-10.
+            assert!(
+                (whole.reflectance - reflectance).abs() < 1e-8,
+                "{theta} {pol:?}: {whole:?} {reflectance}"
+            );
+            assert!(
+                (whole.transmittance - transmittance).abs() < 1e-8,
+                "{theta} {pol:?}: {whole:?} {transmittance}"
+            );
+        }
+    }
+}
+
+/// Every layer incoherent: one absorbing plate between unlike media.
+#[test]
+fn an_incoherent_plate_absorbs_on_every_crossing() {
+    let (k, wavelength, thickness) = (2e-5, 550.0 * NM, 1e-3);
+    let plate = stack(vec![absorbing(1.7, k)], &[thickness], Gain::Refused);
+    let face = |a: f64, b: f64| ((a - b) / (a + b)).powi(2);
+    let (top, bottom) = (face(1.0, 1.7), face(1.7, 1.5));
+    let once = (-2.0 * std::f64::consts::TAU / wavelength * k * thickness).exp();
+    let round_trips = 1.0 - top * bottom * once * once;
+    let whole = intensity::incoherent(&plate, wavelength, 0.0, Light::Unpolarised).unwrap();
+    let reflectance = top + (1.0 - top).powi(2) * bottom * once * once / round_trips;
+    let transmittance = (1.0 - top) * once * (1.0 - bottom) / round_trips;
+    assert!((whole.reflectance - reflectance).abs() < 1e-8, "{whole:?} {reflectance}");
+    assert!((whole.transmittance - transmittance).abs() < 1e-8, "{whole:?} {transmittance}");
+}
