@@ -12,7 +12,7 @@ mod simd;
 
 use std::ops::Range;
 
-use self::draws::{Normal, Stream, TiltSinCos};
+use self::draws::{Normal, Stream, TILT_REACH};
 use self::drive::Job;
 use self::event::{
     ALTERNATING, CROSSING, Constants, EXPLICIT, Film, HALVINGS, PERIODIC, PLAIN, Problem, SHEETS, SPACE,
@@ -146,7 +146,7 @@ impl Walker {
             return Err(WalkError::Simd(level));
         }
         let sd = transport.facets.slope_sd;
-        let reaches = |&h: &u8| sd * Normal::MAX <= TiltSinCos::<f64>::REACH * f64::from(1 << h);
+        let reaches = |&h: &u8| sd * Normal::MAX <= TILT_REACH * f64::from(1 << h);
         let shape = match geometry {
             Geometry::Space => SPACE,
             Geometry::Plane => 1 + HALVINGS.into_iter().find(reaches).ok_or(WalkError::SlopeSd(sd))?,
@@ -297,7 +297,6 @@ impl<R: Real> Problem<R> {
             depth_odd: depth(1),
             depth_even: depth(2),
             normal: Normal::new(sd),
-            tilt: TiltSinCos::new(),
             slope_max: R::from_f64(slope_max),
             tilt_max: tilt_max as f32,
             film: film(transport),

@@ -283,7 +283,7 @@ impl<R: Real> Lanes<R> {
                 let facet = if SHAPE == SPACE {
                     Facet::sloped::<FUSED>(tilt, self.tilts[1][lane])
                 } else {
-                    Facet::tilted::<SHAPE, FUSED>(tilt, &constants.tilt)
+                    Facet::tilted::<SHAPE, FUSED>(tilt)
                 };
                 let ahead = if STACK == EXPLICIT {
                     Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
