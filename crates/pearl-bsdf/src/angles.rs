@@ -2,7 +2,7 @@
 //! exact than positions between cells need (a part in 1e12).
 
 use crate::Direction;
-use std::f64::consts::{FRAC_PI_2, LN_2, LOG2_E};
+use std::f64::consts::{LN_2, LOG2_E};
 
 /// A direction above the horizon in polar form.
 #[derive(Clone, Copy, Debug)]
@@ -183,6 +183,7 @@ pub(crate) fn cotangent(sin: f64, cos: f64, d: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::FRAC_PI_2;
 
     #[test]
     fn they_are_the_functions_of_the_standard_library_to_a_part_in_a_million_millions() {
