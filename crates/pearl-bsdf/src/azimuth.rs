@@ -1,6 +1,6 @@
 //! The decay postulate for evaluation and sampling, in y = |sin(φ/2)|, which keeps its digits for narrow lobes.
 
-use crate::angles::{exp, greatest, ln};
+use crate::angles::{exp, exp_each, greatest, ln};
 use std::f64::consts::TAU;
 
 const INVERSE_TAU: f64 = 1.0 / TAU;
@@ -14,7 +14,7 @@ pub(crate) fn decay(x: f64, y2: f64) -> f64 {
     }
     if x > 0.5 {
         // The same short of a common factor: two exponentials. What cancels near 180° is small beside 1 − D.
-        let (at, all) = (exp(-2.0 * x * y2), exp(-2.0 * x));
+        let [at, all] = exp_each([-2.0 * x * y2, -2.0 * x]);
         return greatest(at - all, 0.0) / (1.0 - all);
     }
     exp(-2.0 * x * y2) * one_minus_exp(2.0 * x * (1.0 - y2)) / one_minus_exp(2.0 * x)

@@ -7,7 +7,7 @@ use crate::controls::{BsdfError, Components, Controls};
 use crate::curve::{self, NODES, Place, Quads};
 use crate::facets::{Facets, Half, Rules};
 use crate::quadrature::gauss_legendre;
-use crate::tabulated::{Exit, Incidence, Tabulated};
+use crate::tabulated::{Incidence, Light, Tabulated};
 use lut_io::axis::Stretched;
 use lut_io::dispersion::Dispersion;
 use lut_io::lobe::Interpolant;
@@ -97,14 +97,11 @@ struct Geometry {
     half: Half,
     /// [`Facets::facing`].
     facing: f64,
-    incidence: Incidence,
-    exit: Exit,
+    light: Light,
     at_i: Place,
     at_o: Place,
     polar_i: Polar,
     polar_o: Polar,
-    /// sin²(φ/2).
-    y2: f64,
 }
 
 impl PearlBsdf {
@@ -383,17 +380,17 @@ impl PearlBsdf {
         incidence: Incidence,
     ) -> Geometry {
         let y2 = half_azimuth2(&polar_i, &polar_o);
-        let exit = self.tabulated.exit(&incidence, polar_o.theta, polar_o.sin, y2);
+        let light = self.tabulated.light(&incidence, &polar_i, &polar_o, y2);
         let half = Half::new(wi, wo);
         let facing = self.facets.facing(&half);
-        Geometry { half, facing, incidence, exit, at_i, at_o, polar_i, polar_o, y2 }
+        Geometry { half, facing, light, at_i, at_o, polar_i, polar_o }
     }
 
     /// f·cos θo of the lobes short of their colour: mirror and blur.
     #[inline(always)]
     fn lobes(&self, geometry: &Geometry) -> [f64; 2] {
-        let Geometry { half, facing, incidence, exit, at_i, polar_i, polar_o, y2, .. } = geometry;
-        let [interior, rehit] = self.tabulated.eval_pair(incidence, exit, polar_i, polar_o, *y2);
+        let Geometry { half, facing, light, at_i, polar_o, .. } = geometry;
+        let [interior, rehit] = light.values;
         let scale = self.mirror_factor(at_i.read(&self.mirror_scale), *at_i, polar_o.cos);
         [rehit + self.facets.reflection(half, *facing) * scale, interior]
     }
@@ -431,7 +428,7 @@ impl PearlBsdf {
         let chances = self.chances(geometry.at_i);
         let mut pdf = chances[BASE] * geometry.polar_o.cos * FRAC_1_PI;
         if chances[INTERIOR] + chances[REHIT] > 0.0 {
-            let lobes = self.tabulated.pdf(&geometry.incidence, &geometry.exit);
+            let lobes = geometry.light.densities;
             pdf += chances[INTERIOR] * lobes[INTERIOR] + chances[REHIT] * lobes[REHIT];
         }
         if chances[SURFACE] > 0.0 {
@@ -600,8 +597,7 @@ fn tabulated_light(
         });
         for &(phi, weight_phi) in walked.iter().chain(&decayed).flatten() {
             let y2 = (0.5 * phi).sin().powi(2);
-            let exit = tabulated.exit(&incidence, theta_o, sin_o, y2);
-            let light = tabulated.eval_pair(&incidence, &exit, &i, &o, y2);
+            let light = tabulated.light(&incidence, &i, &o, y2).values;
             // Both sides of the plane of incidence.
             let weight = 2.0 * weight_o * weight_phi * sin_o;
             // wi·wo = cos θi cos θo − sin θi sin θo cos φ.

@@ -138,35 +138,17 @@ pub(crate) struct Incidence {
     between: Between,
     along: Along,
     columns: Warp,
-    azimuth: Azimuth,
+    /// Decay tables: sin θi / w². Walk tables: the width of the φ cells.
+    azimuth: f64,
 }
 
+/// Both tabulated components at a pair of directions.
 #[derive(Clone, Copy, Debug)]
-enum Azimuth {
-    /// Decay tables: sin θi / w².
-    Decay { concentration: f64 },
-    /// Walk tables: the φ axis.
-    Walk(Warp),
-}
-
-/// Where an exit direction lies in the table at one incidence.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Exit {
-    Decay {
-        forward: Cell,
-        retro: Cell,
-        per_angle: [f64; 2],
-        concentration: f64,
-        sin_o: f64,
-        y2: f64,
-    },
-    /// `per_area` in positions of both axes a radian of both angles.
-    Walk {
-        column: Cell,
-        row: Cell,
-        per_area: f64,
-        sin_o: f64,
-    },
+pub(crate) struct Light {
+    /// f·cos θo in 1/sr, the albedo restored.
+    pub(crate) values: [f64; 2],
+    /// Densities per steradian with which [`Tabulated::sample`] finds the exit direction.
+    pub(crate) densities: [f64; 2],
 }
 
 impl Tabulated {
@@ -263,13 +245,17 @@ impl Tabulated {
         let columns = Warp::two_sided(lo, theta_i + moved, FRAC_PI_2, width, self.inverse_width, cells);
         let azimuth = if self.signed() {
             let width = self.spans[span].width + between.fraction * self.spans[span].widening;
-            Azimuth::Decay { concentration: at.sin / (width * width) }
+            at.sin / (width * width)
         } else {
-            let cot = angles::cotangent(at.sin, at.cos, moved);
-            let width = width * cot;
-            Azimuth::Walk(Warp::one_sided(0.0, PI, width, 1.0 / width, self.rows))
+            width * angles::cotangent(at.sin, at.cos, moved)
         };
         Incidence { between, along: self.along(span, between.fraction), columns, azimuth }
+    }
+
+    /// The φ axis of walk tables.
+    #[inline(always)]
+    fn around(&self, at: &Incidence) -> Warp {
+        Warp::one_sided(0.0, PI, at.azimuth, 1.0 / at.azimuth, self.rows)
     }
 
     #[inline(always)]
@@ -287,10 +273,7 @@ impl Tabulated {
 
     /// A width in φ, radians, that resolves the decay around the mirror direction.
     pub(crate) fn decay_width(&self, at: &Incidence, sin_o: f64) -> f64 {
-        match &at.azimuth {
-            Azimuth::Decay { concentration } => (0.5 / (concentration * sin_o).sqrt()).clamp(1e-7, 1.0),
-            Azimuth::Walk(_) => 1.0,
-        }
+        if self.signed() { (0.5 / (at.azimuth * sin_o).sqrt()).clamp(1e-7, 1.0) } else { 1.0 }
     }
 
     /// The span of θi, and how far along it.
@@ -307,66 +290,79 @@ impl Tabulated {
         (index, Between { node: span.node, next: span.next, fraction })
     }
 
-    /// Where an exit direction lies; y2 = sin²(φ/2).
-    #[inline(always)]
-    pub(crate) fn exit(&self, at: &Incidence, theta_o: f64, sin_o: f64, y2: f64) -> Exit {
-        match &at.azimuth {
-            Azimuth::Decay { concentration } => {
-                let [(forward, ahead), (retro, back)] = at.columns.positions([theta_o, -theta_o]);
-                Exit::Decay {
-                    forward: Cell::new(forward, self.columns),
-                    retro: Cell::new(retro, self.columns),
-                    per_angle: [ahead, back],
-                    concentration: concentration * sin_o,
-                    sin_o,
-                    y2,
-                }
-            }
-            Azimuth::Walk(phi) => {
-                let (column, along) = at.columns.position(theta_o);
-                let (row, across) = phi.position(2.0 * angle(y2.sqrt(), greatest(1.0 - y2, 0.0).sqrt()));
-                Exit::Walk {
-                    column: Cell::new(column, self.columns),
-                    row: Cell::new(row, self.rows),
-                    per_area: along * across,
-                    sin_o,
-                }
-            }
-        }
-    }
-
     /// Whether the table is a reciprocal one.
     pub(crate) const fn is_reciprocal(&self) -> bool {
         self.reciprocal
     }
 
-    /// f·cos θo in 1/sr of both components of a pair of directions, in reciprocal tables read at the larger one.
+    /// What a pair of directions has, y2 = sin²(φ/2); in reciprocal tables values are read at the larger angle.
     #[inline(always)]
-    pub(crate) fn eval_pair(&self, at: &Incidence, exit: &Exit, i: &Polar, o: &Polar, y2: f64) -> [f64; 2] {
-        if self.reciprocal && o.theta > i.theta { self.eval_back(i, o, y2) } else { self.eval(at, exit) }
-    }
-
-    /// Of the way back, taken over to the way there.
-    #[inline(never)]
-    fn eval_back(&self, i: &Polar, o: &Polar, y2: f64) -> [f64; 2] {
-        let larger = self.incidence(o);
-        let back = self.exit(&larger, i.theta, i.sin, y2);
-        let taken_over = o.cos / i.cos;
-        self.eval(&larger, &back).map(|f| f * taken_over)
-    }
-
-    /// f·cos θo in 1/sr of both components, the albedo restored.
-    #[inline(always)]
-    pub(crate) fn eval(&self, at: &Incidence, exit: &Exit) -> [f64; 2] {
-        let values = match exit {
-            Exit::Decay { forward, retro, concentration, y2, .. } => {
-                let ahead = azimuth::decay(*concentration, *y2);
-                let (forward, retro) = (self.read(at.between, 0, *forward), self.read(at.between, 0, *retro));
-                angles::between(&retro, &forward, ahead as f32)
-            }
-            Exit::Walk { column, row, .. } => self.read_both(at.between, *row, *column),
+    pub(crate) fn light(&self, at: &Incidence, i: &Polar, o: &Polar, y2: f64) -> Light {
+        let mut light = if self.signed() {
+            self.light_of_plane(at, o.theta, o.sin, y2)
+        } else {
+            self.light_of_space(at, o.theta, o.sin, y2)
         };
-        [f64::from(at.along[0] * values[0]), f64::from(at.along[1] * values[1])]
+        if self.reciprocal && o.theta > i.theta {
+            light.values = self.values_back(i, o, y2);
+        }
+        light
+    }
+
+    /// Values of the way back, taken over to the way there.
+    #[inline(never)]
+    fn values_back(&self, i: &Polar, o: &Polar, y2: f64) -> [f64; 2] {
+        let larger = self.incidence(o);
+        let back = if self.signed() {
+            self.light_of_plane(&larger, i.theta, i.sin, y2)
+        } else {
+            self.light_of_space(&larger, i.theta, i.sin, y2)
+        };
+        let taken_over = o.cos / i.cos;
+        back.values.map(|f| f * taken_over)
+    }
+
+    /// Of decay tables.
+    #[inline(always)]
+    fn light_of_plane(&self, at: &Incidence, theta_o: f64, sin_o: f64, y2: f64) -> Light {
+        let [(forward, per_ahead), (retro, per_back)] = at.columns.positions([theta_o, -theta_o]);
+        let forward = self.read(at.between, 0, Cell::new(forward, self.columns));
+        let retro = self.read(at.between, 0, Cell::new(retro, self.columns));
+        let concentration = at.azimuth * sin_o;
+        let values = angles::between(&retro, &forward, azimuth::decay(concentration, y2) as f32);
+        let ahead = Forward::new(concentration).pdf(y2) * per_ahead;
+        let back = INVERSE_TAU * per_back;
+        let density = |c: usize| f64::from(forward[c]) * ahead + f64::from(retro[c]) * back;
+        let densities = [density(DENSITIES), density(DENSITIES + 1)];
+        Light { values: restored(at, &values), densities: self.per_steradian(at, densities, 1.0, sin_o) }
+    }
+
+    /// Of walk tables.
+    #[inline(always)]
+    fn light_of_space(&self, at: &Incidence, theta_o: f64, sin_o: f64, y2: f64) -> Light {
+        let (column, per_theta) = at.columns.position(theta_o);
+        let phi = 2.0 * angle(y2.sqrt(), greatest(1.0 - y2, 0.0).sqrt());
+        let (row, per_phi) = self.around(at).position(phi);
+        let (column, row) = (Cell::new(column, self.columns), Cell::new(row, self.rows));
+        let near = self.read(at.between, row.index, column);
+        let far = self.read(at.between, row.index + 1, column);
+        let read = angles::between(&near, &far, row.fraction as f32);
+        let densities = [f64::from(read[DENSITIES]), f64::from(read[DENSITIES + 1])];
+        // Half of it on either side of the plane of incidence.
+        let densities = self.per_steradian(at, densities, 0.5 * per_theta * per_phi, sin_o);
+        Light { values: restored(at, &read), densities }
+    }
+
+    /// Sampling densities in solid angle from those in cell positions.
+    #[inline(always)]
+    fn per_steradian(&self, at: &Incidence, densities: [f64; 2], per_area: f64, sin_o: f64) -> [f64; 2] {
+        if sin_o < self.cap.sin {
+            return [0, 1].map(|c| f64::from(at.along[CAP + c]) * self.cap.density);
+        }
+        let totals = self.mixed_totals(at.between);
+        let scale = per_area / sin_o;
+        let share = |c: usize| if totals[c] > 0.0 { densities[c] * scale / totals[c] } else { 0.0 };
+        [share(0), share(1)]
     }
 
     /// The [`Values`] at a row.
@@ -383,40 +379,6 @@ impl Tabulated {
         let k = (node * self.rows + row) * self.columns + column;
         let [a, b] = &self.cells[k..k + 2] else { return [0.0; 4] };
         angles::between(a, b, along)
-    }
-
-    /// The same between two rows.
-    #[inline(always)]
-    fn read_both(&self, between: Between, row: Cell, column: Cell) -> Values {
-        let near = self.read(between, row.index, column);
-        let far = self.read(between, row.index + 1, column);
-        angles::between(&near, &far, row.fraction as f32)
-    }
-
-    /// Densities per steradian with which [`Self::sample`] finds an exit direction, of both components.
-    #[inline(always)]
-    pub(crate) fn pdf(&self, at: &Incidence, exit: &Exit) -> [f64; 2] {
-        let totals = self.mixed_totals(at.between);
-        let (Exit::Decay { sin_o, .. } | Exit::Walk { sin_o, .. }) = exit;
-        if *sin_o < self.cap.sin {
-            return [0, 1].map(|c| f64::from(at.along[CAP + c]) * self.cap.density);
-        }
-        let (densities, scale) = match exit {
-            Exit::Decay { forward, retro, per_angle, concentration, y2, .. } => {
-                let (forward, retro) = (self.read(at.between, 0, *forward), self.read(at.between, 0, *retro));
-                let around = Forward::new(*concentration).pdf(*y2) * per_angle[0];
-                let even = INVERSE_TAU * per_angle[1];
-                let both = |c: usize| f64::from(forward[c]) * around + f64::from(retro[c]) * even;
-                ([both(DENSITIES), both(DENSITIES + 1)], 1.0 / sin_o)
-            }
-            Exit::Walk { column, row, per_area, .. } => {
-                let read = self.read_both(at.between, *row, *column);
-                // Half of it on either side of the plane of incidence.
-                ([f64::from(read[DENSITIES]), f64::from(read[DENSITIES + 1])], 0.5 * per_area / sin_o)
-            }
-        };
-        let share = |c: usize| if totals[c] > 0.0 { densities[c] * scale / totals[c] } else { 0.0 };
-        [share(0), share(1)]
     }
 
     #[inline(always)]
@@ -446,18 +408,18 @@ impl Tabulated {
             return None;
         }
         let (node, select) = split(select, near / (near + far), node, next);
-        match &at.azimuth {
-            Azimuth::Decay { concentration } => {
+        match self.signed() {
+            true => {
                 let position = self.invert_row(sampling, node, 0, u);
                 let s = at.columns.at(position).clamp(-FRAC_PI_2, FRAC_PI_2);
                 if s.abs() < self.cap.radius {
                     // Neither the number that chose the row nor v has said anything yet.
                     return Some((self.cap.theta(select), around(v)));
                 }
-                let phi = if s >= 0.0 { Forward::new(concentration * s.sin()).sample(v) } else { around(v) };
+                let phi = if s >= 0.0 { Forward::new(at.azimuth * s.sin()).sample(v) } else { around(v) };
                 Some((s.abs(), phi))
             }
-            Azimuth::Walk(phi) => {
+            false => {
                 let (sign, v) = if v < 0.5 { (1.0, 2.0 * v) } else { (-1.0, 2.0 * v - 1.0) };
                 let rows = node * self.rows..(node + 1) * self.rows;
                 let totals = &sampling.row_total[rows.clone()];
@@ -476,7 +438,7 @@ impl Tabulated {
                     let within = cumulated(density, cdf, edge) / total(density, cdf);
                     return Some((self.cap.theta((u / within).min(1.0)), around(select)));
                 }
-                let (sin, cos) = phi.at(position).min(PI).sin_cos();
+                let (sin, cos) = self.around(at).at(position).min(PI).sin_cos();
                 Some((theta_o, (cos, sign * sin)))
             }
         }
@@ -488,6 +450,12 @@ impl Tabulated {
         let density = |k: usize| f64::from(cells[k][DENSITIES + sampling.component]);
         invert(density, &sampling.cdf[range.clone()], &sampling.guide[range], u)
     }
+}
+
+/// Both components as read, times what restores their albedo.
+#[inline(always)]
+fn restored(at: &Incidence, values: &Values) -> [f64; 2] {
+    [f64::from(at.along[0] * values[0]), f64::from(at.along[1] * values[1])]
 }
 
 /// Chooses between two with the probability of the first, and what is left of the random number.
