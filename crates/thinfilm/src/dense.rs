@@ -156,6 +156,9 @@ struct Solver<'a> {
     level: Level,
 }
 
+/// Most tiles that a thread takes without another being able to take over some of them: the last to finish keeps the others waiting.
+const TILES_IN_A_ROW: usize = 8;
+
 /// Media are numbered: materials first, then the ambient, then the substrate.
 const fn ambient_number(materials: usize) -> usize {
     materials
@@ -250,6 +253,7 @@ impl<'a> Solver<'a> {
         // Each tile writes into its part of the rows: no second pass, and the threads touch fresh memory together.
         spectra.robust_lanes = Cut::tiles(&mut spectra)
             .into_par_iter()
+            .with_max_len(TILES_IN_A_ROW)
             .enumerate()
             .map_init(Scratch::default, |scratch, (tile, cut)| {
                 self.tile(angles, &waves, tile * LANES, cut, scratch)

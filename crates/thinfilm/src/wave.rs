@@ -182,6 +182,17 @@ pub fn sqrt_upper(w: Complex64) -> Complex64 {
     times_power_of_two(Complex64::new(root.re + 0.0, root.im + 0.0), even / 2)
 }
 
+/// |z|, the same bits as `norm`, whose library call costs as much as a layer and is needed only off the axes.
+fn modulus(z: Complex64) -> f64 {
+    if z.im == 0.0 {
+        z.re.abs()
+    } else if z.re == 0.0 {
+        z.im.abs()
+    } else {
+        z.norm()
+    }
+}
+
 /// The plane wave's in-plane part, in the two forms that lose no digits.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InPlaneWave {
@@ -239,11 +250,15 @@ impl InPlaneWave {
 
     /// Admittance q of a medium.
     pub(crate) fn admittance(&self, index: Complex64, polarisation: Polarisation) -> Complex64 {
-        let kz = sqrt_upper(self.kz2(index));
-        match polarisation {
-            Polarisation::S => kz,
-            Polarisation::P => kz / (index * index),
-        }
+        admittance_of(sqrt_upper(self.kz2(index)), index * index, polarisation)
+    }
+}
+
+/// Admittance q of a medium, given its kz/k₀ and N².
+fn admittance_of(kz: Complex64, eps: Complex64, polarisation: Polarisation) -> Complex64 {
+    match polarisation {
+        Polarisation::S => kz,
+        Polarisation::P => kz / eps,
     }
 }
 
@@ -278,7 +293,7 @@ impl LayerMatrix {
             Polarisation::S => (sinc, kz2 * sinc),
             Polarisation::P => (eps * sinc, kz2 / eps * sinc),
         };
-        let q = wave.admittance(layer.index, polarisation);
+        let q = admittance_of(kz, eps, polarisation);
         Self { cos, sin_over_q, q_sin, exponent, delta, q, growth }
     }
 
@@ -565,7 +580,7 @@ impl Multilayer {
         }
         for (name, index) in self.media() {
             // Squares must not leave f64: no material comes near these bounds.
-            let size = index.norm();
+            let size = modulus(index);
             if !(index.is_finite() && index.re >= 0.0 && (1e-60..1e60).contains(&size)) {
                 return Err(WaveError::Index { medium: name.to_string(), index });
             }
@@ -583,7 +598,7 @@ impl Multilayer {
         for run in &self.runs {
             for (at, layer) in run.unit.iter().enumerate() {
                 let k0_d = std::f64::consts::TAU / wavelength * layer.thickness;
-                let phase = sqrt_upper(wave.kz2(layer.index)).norm() * k0_d;
+                let phase = modulus(sqrt_upper(wave.kz2(layer.index))) * k0_d;
                 let total = phase * run.repeat as f64;
                 if !(phase <= LARGEST_PHASE && k0_d <= LARGEST_PHASE && total <= LARGEST_PHASE * 1e3) {
                     return Err(WaveError::Phase { layer: at + 1, phase: phase.max(k0_d) });
@@ -627,8 +642,11 @@ fn through_run(
     wavelength: f64,
     polarisation: Polarisation,
 ) -> Admittance {
-    let matrices: Vec<LayerMatrix> =
-        run.unit.iter().map(|layer| LayerMatrix::new(wave, *layer, wavelength, polarisation)).collect();
+    let matrix = |layer: &Layer| LayerMatrix::new(wave, *layer, wavelength, polarisation);
+    if run.repeat == 1 {
+        return run.unit.iter().rev().fold(vector, |v, layer| v.through(*layer, &matrix(layer)));
+    }
+    let matrices: Vec<LayerMatrix> = run.unit.iter().map(matrix).collect();
     let only_substrate = run.unit.iter().all(|layer| vector.pristine == Some(layer.index));
     if run.repeat < DOUBLING_FROM || only_substrate {
         let once = |vector: Admittance| {
@@ -638,7 +656,7 @@ fn through_run(
         if only_substrate && run.repeat >= DOUBLING_FROM {
             return run.unit.iter().rev().fold(vector, |v, layer| {
                 let thick = Layer { thickness: layer.thickness * run.repeat as f64, ..*layer };
-                v.through(thick, &LayerMatrix::new(wave, thick, wavelength, polarisation))
+                v.through(thick, &matrix(&thick))
             });
         }
         return (0..run.repeat).fold(vector, |v, _| once(v));

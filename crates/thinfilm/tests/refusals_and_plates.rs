@@ -1,5 +1,6 @@
 //! What the library itself refuses, and plates thick enough that intensities add, against closed forms.
 
+use num_complex::Complex64;
 use thinfilm::intensity::{self, Light};
 use thinfilm::{
     Gain, Incidence, Layer, Material, Multilayer, Polarisation, Run, Stack, StackLayer, StackRun, WaveError,
@@ -31,12 +32,13 @@ fn gain_is_refused_by_the_stack_unless_it_is_asked_for() {
 }
 
 #[test]
-fn the_solver_refuses_angles_wavelengths_and_thicknesses_that_are_none() {
+fn the_solver_refuses_angles_wavelengths_thicknesses_and_gain() {
+    let film = |index: Complex64, thickness: f64| {
+        let runs = vec![Run { unit: vec![Layer { index, thickness }], repeat: 1 }];
+        Multilayer { ambient: 1.0.into(), runs, substrate: 1.5.into() }
+    };
     let solve = |thickness: f64, wavelength: f64, theta: f64| {
-        let unit = vec![Layer { index: 1.6.into(), thickness }];
-        let multilayer =
-            Multilayer { ambient: 1.0.into(), runs: vec![Run { unit, repeat: 1 }], substrate: 1.5.into() };
-        multilayer.solve(wavelength, Incidence::Angle(theta), Polarisation::S)
+        film(1.6.into(), thickness).solve(wavelength, Incidence::Angle(theta), Polarisation::S)
     };
     let (thickness, wavelength, theta) = (100.0 * NM, 550.0 * NM, 0.5);
     solve(thickness, wavelength, theta).unwrap();
@@ -52,6 +54,11 @@ fn the_solver_refuses_angles_wavelengths_and_thicknesses_that_are_none() {
         let refusal = solve(length, wavelength, theta).unwrap_err();
         assert!(matches!(refusal, WaveError::Thickness { .. }), "{length}: {refusal}");
     }
+    let amplifier = film(Complex64::new(1.6, -1e-9), thickness);
+    let (incidence, pol) = (Incidence::Angle(theta), Polarisation::P);
+    let refusal = amplifier.solve(wavelength, incidence, pol).unwrap_err();
+    assert!(matches!(refusal, WaveError::Gain { .. }), "{refusal}");
+    amplifier.solve_with_gain(wavelength, incidence, pol).unwrap();
 }
 
 /// A plate of 1 mm under a coating that absorbs, so that its two faces reflect differently: light that goes to and fro in the
@@ -69,7 +76,7 @@ fn a_plate_under_an_absorbing_coating_is_a_geometric_series() {
                 let multilayer = Multilayer { ambient: above.into(), runs, substrate: below.into() };
                 multilayer.solve(wavelength, Incidence::InPlane(theta.sin()), pol).unwrap()
             };
-            let layer = || vec![Layer { index: num_complex::Complex64::new(2.0, 0.3), thickness: film }];
+            let layer = || vec![Layer { index: Complex64::new(2.0, 0.3), thickness: film }];
             let (down, up, bottom) =
                 (alone(1.0, layer(), 1.7), alone(1.7, layer(), 1.0), alone(1.7, Vec::new(), 1.5));
             assert!((down.reflectance - up.reflectance).abs() > 1e-3, "{theta}");

@@ -49,8 +49,11 @@ fn root() -> PathBuf {
 
 fn rust() -> Result<()> {
     step("format", cargo(&["fmt", "--all", "--check"]))?;
-    step("lints", cargo(&["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"]))?;
-    let mut docs = cargo(&["doc", "--workspace", "--no-deps", "--document-private-items"]);
+    step(
+        "lints",
+        cargo(&["clippy", "--release", "--workspace", "--all-targets", "--", "--deny", "warnings"]),
+    )?;
+    let mut docs = cargo(&["doc", "--release", "--workspace", "--no-deps", "--document-private-items"]);
     // Private modules have pages too, so links to them lead somewhere.
     docs.env("RUSTDOCFLAGS", "--deny warnings --allow rustdoc::private_intra_doc_links");
     step("docs", docs)?;

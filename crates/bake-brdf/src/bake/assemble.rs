@@ -56,7 +56,7 @@ fn walk_table(
             let spread = sampling.spread(band * tallies.len() + i);
             Incidence {
                 summary: IncidenceSummary {
-                    accuracy_percent: 100.0 * tally.total_variation_bound(&spread),
+                    accuracy_percent: 100.0 * tally.total_variation_bound(&spread, tallies.len()),
                     ..tally.summary(theta_i_deg)
                 },
                 components: Component::ALL.map(|component| tally.component(component)),

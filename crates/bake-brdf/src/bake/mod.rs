@@ -138,6 +138,8 @@ pub struct Checkpoint<'a> {
 pub struct Progress<'a> {
     /// Tallies so far, one per incidence.
     pub tallies: &'a [Tally],
+    /// Incidences in a band: the worst of so many is bounded.
+    pub incidences: usize,
     /// Solid angle per unit of extent of their cells, as known when the round began.
     pub spreads: &'a [Vec<f64>],
     /// Crossings after which the present round is through.
@@ -154,8 +156,11 @@ impl Progress<'_> {
     /// Bound on the error reached so far, per cent, at the worst incidence.
     #[must_use]
     pub fn error_percent(&self) -> f64 {
-        let tallies = self.tallies.iter().zip(self.spreads);
-        100.0 * tallies.map(|(tally, spread)| tally.total_variation_bound(spread)).fold(0.0, f64::max)
+        let (tallies, incidences) = (self.tallies.iter().zip(self.spreads), self.incidences);
+        100.0
+            * tallies
+                .map(|(tally, spread)| tally.total_variation_bound(spread, incidences))
+                .fold(0.0, f64::max)
     }
 }
 

@@ -41,6 +41,8 @@ pub struct Sampling {
     /// w of the decay postulate, degrees, where the recipe fixes it.
     azimuth_width_deg: Option<f64>,
     theta_i: Vec<f64>,
+    /// Incidences of the table: the worst of so many keeps the promise.
+    among: usize,
     seed: u64,
     event_cap: u32,
     shard: Shard,
@@ -116,6 +118,7 @@ impl Sampling {
             axis: *axis,
             azimuth_width_deg,
             theta_i: theta_i.to_vec(),
+            among: theta_i.len(),
             seed,
             event_cap,
             shard,
@@ -295,7 +298,7 @@ impl Sampling {
     /// Bound on the total variation of every incidence ([`Tally::total_variation_bound`]).
     pub(super) fn bounds(&self) -> Vec<f64> {
         let tallies = self.state.tallies.iter().enumerate();
-        tallies.map(|(i, tally)| tally.total_variation_bound(&self.spread(i))).collect()
+        tallies.map(|(i, tally)| tally.total_variation_bound(&self.spread(i), self.among)).collect()
     }
 
     /// Paths of every incidence at which its bound reaches `accuracy`.
@@ -420,7 +423,12 @@ impl Sampling {
             let tally = self.walk_task(task);
             let mut tallies = walked.lock().unwrap_or_else(PoisonError::into_inner);
             tallies[task.lobe].add(&tally);
-            (observer.progress)(&Progress { tallies: &tallies, spreads, expected_crossings: expected });
+            (observer.progress)(&Progress {
+                tallies: &tallies,
+                incidences: self.among,
+                spreads,
+                expected_crossings: expected,
+            });
             Ok(())
         })?;
         self.state.tallies = walked.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -480,6 +488,7 @@ pub(super) fn scout(request: &Request, accuracy: f64) -> Result<Effort, BakeErro
     let effects = request.effects.without(Effect::Dispersion);
     let scouted = Request { incident_deg: few, effects, ..request.clone() };
     let (mut sampling, _) = scouted.sampling(Shard::WHOLE)?;
+    sampling.among = angles.len();
     sampling.walk_pilot(SCOUT_PATHS, &Observer::idle())?;
     let mut effort = Effort { crossings: 0.0, paths: 0.0 };
     for (tally, target) in sampling.state.tallies.iter().zip(sampling.targets_for_accuracy(accuracy)) {
