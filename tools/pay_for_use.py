@@ -24,14 +24,16 @@ DEFAULT = ROOT / "target" / "release" / "examples" / "pay_for_use"
 LIMIT = 0.01
 BEGIN, END = "<!-- pay_for_use: begin -->", "<!-- pay_for_use: end -->"
 EFFECTS = {
-    2: ["absorption", "visible", "explicit", "polarisation", "f64", "sheets"],
-    3: ["absorption", "visible", "explicit", "f64", "sheets"],
+    2: ["absorption", "visible", "explicit", "polarisation", "polarisation+absorption", "f64", "sheets", "sheets+absorption"],
+    3: ["absorption", "visible", "explicit", "f64", "sheets", "sheets+absorption"],
 }
 NAMES = {
     "visible": "visible normals",
     "explicit": "layers one by one",
     "f64": "64 bits",
     "sheets": "coherent sheets (64 bits)",
+    "polarisation+absorption": "polarisation and absorption",
+    "sheets+absorption": "coherent sheets and absorption (64 bits)",
 }
 
 

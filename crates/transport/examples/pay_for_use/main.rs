@@ -1,6 +1,6 @@
 //! Does the walk pay for effects that are off? Walks paths by the library's kernel or by one written without any effect.
 //!
-//! `pay_for_use --kernel walk|lean --dim 2|3 --paths N [--effect absorption|visible|explicit|polarisation|sheets] [--level portable|avx2]`
+//! `pay_for_use --kernel walk|lean --dim 2|3 --paths N [--effect absorption|visible|explicit|polarisation|sheets|f64, several by +] [--level portable|avx2]`
 //! walks, and prints the crossings; `tools/pay_for_use.py` counts the instructions. `pay_for_use --compare` says whether both
 //! kernels give the same exits, bit by bit: exit code 3 if not.
 
@@ -53,29 +53,33 @@ fn options() -> Result<Options, Box<dyn Error>> {
     Ok(options)
 }
 
-/// The paper's pearl with one more effect.
-fn problem(effect: Option<&str>) -> Result<(Transport, Precision), Box<dyn Error>> {
+/// The paper's pearl with more effects, `+` between them.
+fn problem(effects: Option<&str>) -> Result<(Transport, Precision), Box<dyn Error>> {
     let mut transport = Transport::paper();
     let mut precision = Precision::F32;
-    match effect {
-        None => {}
-        Some("absorption") => transport.optical_depths.fill(1e-5),
-        Some("visible") => transport.facets.normals = Normals::Visible,
-        Some("explicit") => transport.indices[250] = 1.44,
-        Some("polarisation") => transport.light = Light::Tracked,
-        Some("f64") => precision = Precision::F64,
-        Some("sheets") => {
-            let depths = vec![0.0; 250];
-            let phase = std::f64::consts::TAU * 25.0 / 550.0;
-            transport = Transport {
-                indices: [&[1.0][..], &[1.53; 251]].concat(),
-                optical_depths: depths,
-                sheets: Some(Sheets { index: 1.43, phase, last: 250 }),
-                ..transport
-            };
-            precision = Precision::F64;
+    let mut absorbs = false;
+    for effect in effects.into_iter().flat_map(|list| list.split('+')) {
+        match effect {
+            "absorption" => absorbs = true,
+            "visible" => transport.facets.normals = Normals::Visible,
+            "explicit" => transport.indices[250] = 1.44,
+            "polarisation" => transport.light = Light::Tracked,
+            "f64" => precision = Precision::F64,
+            "sheets" => {
+                let phase = std::f64::consts::TAU * 25.0 / 550.0;
+                transport = Transport {
+                    indices: [&[1.0][..], &[1.53; 251]].concat(),
+                    optical_depths: vec![0.0; 250],
+                    sheets: Some(Sheets { index: 1.43, phase, last: 250 }),
+                    ..transport
+                };
+                precision = Precision::F64;
+            }
+            other => return Err(format!("unknown effect {other}").into()),
         }
-        Some(other) => return Err(format!("unknown effect {other}").into()),
+    }
+    if absorbs {
+        transport.optical_depths.fill(1e-5);
     }
     Ok((transport, precision))
 }
