@@ -5,6 +5,7 @@
 pub(crate) struct Stream([u64; 2]);
 
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+const STREAMS: u64 = 0x243f_6a88_85a3_08d3;
 
 fn mix(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -14,7 +15,8 @@ fn mix(mut z: u64) -> u64 {
 
 impl Stream {
     pub(crate) fn new(seed: u64, theta_i: f64) -> Self {
-        let first = mix(mix(seed.wrapping_add(GOLDEN)) ^ mix(theta_i.to_bits().wrapping_add(GOLDEN)));
+        let first =
+            mix(mix((seed ^ STREAMS).wrapping_add(GOLDEN)) ^ mix(theta_i.to_bits().wrapping_add(GOLDEN)));
         Self([first, mix(first.wrapping_add(GOLDEN))])
     }
 

@@ -185,10 +185,14 @@ impl Lanes {
     fn move_on(&mut self, stack: Stack, count: usize) -> bool {
         let mut any = 0;
         for lane in 0..count {
-            let ray = stack.meet(self.get(lane), self.tilts[0][lane], self.choices[0][lane], false);
-            let rests = ray.interface as u32 > stack.last as u32;
-            let ray = stack.meet(ray, self.tilts[1][lane], self.choices[1][lane], rests);
-            let done = -i32::from(ray.interface as u32 > stack.last as u32);
+            let mut ray = self.get(lane);
+            let mut done = 0;
+            for half in 0..2 {
+                // A path that ended in the first half of a sweep rests in the second.
+                let rests = half == 1 && done != 0;
+                ray = stack.meet(ray, self.tilts[half][lane], self.choices[half][lane], rests);
+                done = -i32::from(ray.interface as u32 > stack.last as u32);
+            }
             any |= done;
             self.done[lane] = done;
             self.set(lane, ray);
