@@ -143,9 +143,11 @@ fn walk_against(
 ) -> Result<(f64, bool), BakeError> {
     let geometry = request.geometry();
     let seconds = |effort| counts_of_walk(request, transport, effort).seconds(geometry);
-    let least = seconds(sampling::least_effort(request));
-    if least >= by_doubling {
-        return Ok((least, false));
+    for probed in [None, Some(FEW_SCOUTS)] {
+        let least = seconds(sampling::least_effort(request, probed)?);
+        if least >= by_doubling {
+            return Ok((least, false));
+        }
     }
     let few = seconds(sampling::scout(request, accuracy, FEW_SCOUTS)?);
     let clear = few > CLEAR * by_doubling || by_doubling > CLEAR * few;

@@ -23,6 +23,8 @@ const PILOT: u64 = 2 * CHUNK;
 /// of fewer hides how wide it is, and with it how many it needs.
 const SCOUT_PATHS: u64 = 1024;
 const SCOUTS_BACK: u64 = 400;
+/// Paths per incidence that say how deep a stack is.
+const PROBE_PATHS: u64 = 64;
 /// Longest time between two states that can be kept or stopped at.
 const LONGEST_SLICE: Duration = Duration::from_millis(500);
 /// Most paths per incidence: fixed-point sums have room for 1.7·10¹⁰.
@@ -541,10 +543,21 @@ pub(super) fn scout(request: &Request, accuracy: f64, scouts: usize) -> Result<E
     Ok(effort)
 }
 
-/// What a walk to any accuracy at least has to do: its pilot, with a crossing a path.
-pub(super) fn least_effort(request: &Request) -> Effort {
+/// What a walk to any accuracy at least has to do: its pilot. With one crossing a path, or half of the crossings that a few
+/// dozen paths have at up to `probed` incidences, which says enough of stacks so deep that a thousand paths take seconds.
+pub(super) fn least_effort(request: &Request, probed: Option<usize>) -> Result<Effort, BakeError> {
     let paths = (PILOT * request.incident_deg.len() as u64) as f64;
-    Effort { crossings: paths, paths }
+    let Some(scouts) = probed else {
+        return Ok(Effort { crossings: paths, paths });
+    };
+    let effects = request.effects.without(Effect::Dispersion);
+    let few = Request { incident_deg: spread_out(&request.incident_deg, scouts), effects, ..request.clone() };
+    let (mut sampling, _) = few.sampling(Shard::WHOLE)?;
+    let lobes = sampling.lobes();
+    let tasks: Vec<Task> = (0..lobes).map(|lobe| Task { lobe, from: 0, to: PROBE_PATHS }).collect();
+    sampling.walk_slice(&tasks, 0.0, &sampling.spreads.clone(), &Observer::idle())?;
+    let each = sampling.crossings() as f64 / (PROBE_PATHS * lobes as u64) as f64;
+    Ok(Effort { crossings: (0.5 * each).max(1.0) * paths, paths })
 }
 
 /// At most `count` of the angles: the middles of as many parts of the list.
