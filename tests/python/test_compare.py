@@ -83,12 +83,17 @@ def test_the_speed_script_times_both_and_refuses_in_one_line(tmp_path):
         assert done.returncode == 2 and message in done.stderr and done.stderr.count("\n") == 1, done.stderr
 
 
-def test_pictures_that_differ_fail():
+def compare_main():
     import importlib.util
 
     spec = importlib.util.spec_from_file_location("compare_main", ROOT / "tools" / "compare" / "__main__.py")
     main = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(main)
+    return main
+
+
+def test_pictures_that_differ_fail():
+    main = compare_main()
     random = np.random.default_rng(1)
     picture = random.uniform(0.2, 1.0, (256, 3))
     verdicts = lambda lines: [line["verdict"] for line in lines]  # noqa: E731
@@ -102,7 +107,32 @@ def test_pictures_that_differ_fail():
     for gap, verdict in ((0.001, "pass"), (0.1, "fail")):
         walked = picture * (1 + gap) + random.normal(0, 0.06, (256, 1))
         plugin = picture + random.normal(0, 0.06, (256, 1))
-        assert verdicts(main.noise("x", (walked, variance), (plugin, variance), 16))[0] == verdict
+        assert verdicts(main.noise("x", (walked, variance), (plugin, variance), 16, 1e-3))[0] == verdict
+
+
+def test_walks_that_seldom_find_light_are_judged_in_patches():
+    """Counts of rare hits of one weight: the same picture passes as often as the significance says, a brighter one fails."""
+    main = compare_main()
+    random = np.random.default_rng(2)
+    size, weight = 96, 1e-3
+    y, x = np.mgrid[:size, :size] / size
+
+    def judged(brightest, brighter):
+        """A small light seen in one corner, and hardly anything elsewhere."""
+        rate = 1e-3 + brightest * np.exp(-8 * (x + y)).ravel()
+        hits = random.poisson(rate)
+        # The plugin sees the light at every sample: noise of 1 % everywhere.
+        seen = rate * brighter * random.normal(1.0, 0.01, rate.shape)
+        image, plugin = (np.repeat((weight * picture)[:, None], 3, axis=1) for picture in (hits, seen))
+        return main.noise("x", (image, hits * weight**2), (plugin, (0.01 * weight * rate) ** 2), size, weight)
+
+    honest = [judged(40, 1.0) for _ in range(200)]
+    assert sum(entry["verdict"] == "fail" for lines in honest for entry in lines) <= 3
+    # An eighth of the p lies below 1/8, within four standard deviations of 200 draws.
+    assert abs(sum(lines[0]["value"] < 0.125 for lines in honest) - 25) < 4 * (200 * 0.125 * 0.875) ** 0.5
+    # 6,000 hits see 10 %; 150,000 see 3 %.
+    for brightest, brighter in ((40, 1.1), (1000, 1.03)):
+        assert all("fail" in [entry["verdict"] for entry in judged(brightest, brighter)] for _ in range(20))
 
 
 def test_colour_differences_are_those_of_the_reference_data():

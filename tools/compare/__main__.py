@@ -38,6 +38,8 @@ LIMIT_RUST = {"relative RMSE": 1e-4, "mean ratio − 1": 1e-5}
 THINNED = 16
 #: (c) against (b): probability of a χ² over tiles as large as seen, if both estimate the same picture.
 SMALLEST_P = 1e-3
+#: Walks that found light, as expected in a patch of tiles, from which a sum counts as normal.
+HITS = 100
 
 
 def line(scene, ways, figure, value, limit, kept, **more):
@@ -66,26 +68,58 @@ def against(key, way, image, reference, limits):
     return lines
 
 
-def noise(key, walked, plugin, size):
-    """Whether two noisy pictures estimate the same: χ² over tiles of 8 × 8 pixels of the mean of the channels."""
+def patches(expected_hits, tiles):
+    """Numbers of patches of neighbouring tiles, one a tile: each expects at least HITS walks that found light.
+
+    Tiles are taken along Morton's curve, so that a patch hangs together. A sum of fewer hits is far from normal, and its variance
+    as seen goes with it: where none was found, nothing is said of how many there could have been.
+    """
+    import numpy as np
+
+    spread = lambda v: sum(((v >> bit) & 1) << (2 * bit) for bit in range(10))  # noqa: E731
+    y, x = np.divmod(np.arange(tiles * tiles), tiles)
+    patch = np.zeros(tiles * tiles, int)
+    number, hits = 0, 0.0
+    for tile in np.argsort(spread(x) + 2 * spread(y)):
+        if hits >= HITS:
+            number, hits = number + 1, 0.0
+        patch[tile] = number
+        hits += expected_hits[tile]
+    if hits < HITS and number > 0:
+        # What is left over joins the patch before it.
+        patch[patch == number] = number - 1
+    return patch
+
+
+def noise(key, walked, plugin, size, weight):
+    """Whether two noisy pictures estimate the same: χ² over tiles of 8 × 8 pixels of the mean of the channels.
+
+    `weight` is what a walk that finds light adds to a picture: neighbouring tiles are merged until the plugin's picture expects
+    [`HITS`] such walks in each ([`patches`]).
+    """
     import numpy as np
     from scipy.stats import chi2
+
+    (image, variance), (reference, reference_variance) = walked, plugin
 
     def tiles(values):
         return values.reshape(size // 8, 8, size // 8, 8).sum(axis=(1, 3)).ravel()
 
-    (image, variance), (reference, reference_variance) = walked, plugin
+    # Which tiles are merged must not depend on the draws of the walk but through its one mean weight.
+    patch = patches(tiles(reference.mean(axis=1)) / weight, size // 8)
+    merged = lambda values: np.bincount(patch, tiles(values))  # noqa: E731
+
     # Channels of one path are one draw: only their mean is tested, with the variance of that mean.
-    gap = tiles(image.mean(axis=1) - reference.mean(axis=1))
-    spread = tiles(variance + reference_variance)
+    gap = merged(image.mean(axis=1) - reference.mean(axis=1))
+    spread = merged(variance + reference_variance)
     used = spread > 0
     statistic, count = float((gap[used] ** 2 / spread[used]).sum()), int(used.sum())
     p = float(chi2.sf(statistic, count))
     total = float(image.mean() / reference.mean() - 1)
     error = float(np.sqrt((variance + reference_variance).sum()) / reference.mean(axis=1).sum())
-    tile_noise = float(np.sqrt(np.median(spread[used])) / np.median(tiles(reference.mean(axis=1))[used]))
+    tile_noise = float(np.sqrt(np.median(spread[used])) / np.median(merged(reference.mean(axis=1))[used]))
     return [
-        line(key, "c|b", f"p of χ², {count} tiles at {100 * tile_noise:.1f} % noise", p, SMALLEST_P, p >= SMALLEST_P),
+        line(key, "c|b", f"p of χ², {count} patches at {100 * tile_noise:.1f} % noise", p, SMALLEST_P, p >= SMALLEST_P),
         line(key, "c|b", "mean ratio − 1", total, 4 * error, abs(total) <= 4 * error, standard_error=error),
     ]
 
@@ -155,7 +189,11 @@ def compare(options, tools):
                     shown["d"] = shown["b"] + shown["d"] - reference
                 if "c" in raw:
                     grey = [scenes.image(raw[key].mean(axis=1), samples.pixel, size, spp) for key in "cb"]
-                    lines += noise(name, *[(shown[key], variance[:, 0]) for key, (_, variance) in zip("cb", grey)], size)
+                    walks = raw["c"].mean(axis=1)
+                    # By its size, as a sum's variance counts it; a pixel is the mean of its samples.
+                    weight = float((walks**2).sum() / max(walks.sum(), 1e-300)) / spp
+                    walked, plugin = [(shown[key], variance[:, 0]) for key, (_, variance) in zip("cb", grey)]
+                    lines += noise(name, walked, plugin, size, weight)
                 pictures[name] = shown
     return lines, pictures, size
 

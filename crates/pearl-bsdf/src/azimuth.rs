@@ -1,12 +1,12 @@
 //! The decay postulate for evaluation and sampling, in y = |sin(φ/2)|, which keeps its digits for narrow lobes.
 
-use crate::angles::ln;
+use crate::angles::{exp, exp_each, greatest, ln};
 use std::f64::consts::TAU;
 
 const INVERSE_TAU: f64 = 1.0 / TAU;
 
 /// D(φ) of [`lut_io::decay`] at concentration x, from y² = sin²(φ/2).
-#[inline]
+#[inline(always)]
 pub(crate) fn decay(x: f64, y2: f64) -> f64 {
     // D = e^{−2xy²}·(1 − e^{−2x(1−y²)})/(1 − e^{−2x}).
     if x < 1e-9 {
@@ -14,17 +14,17 @@ pub(crate) fn decay(x: f64, y2: f64) -> f64 {
     }
     if x > 0.5 {
         // The same short of a common factor: two exponentials. What cancels near 180° is small beside 1 − D.
-        let all = (-2.0 * x).exp();
-        return ((-2.0 * x * y2).exp() - all).max(0.0) / (1.0 - all);
+        let [at, all] = exp_each([-2.0 * x * y2, -2.0 * x]);
+        return greatest(at - all, 0.0) / (1.0 - all);
     }
-    (-2.0 * x * y2).exp() * one_minus_exp(2.0 * x * (1.0 - y2)) / one_minus_exp(2.0 * x)
+    exp(-2.0 * x * y2) * one_minus_exp(2.0 * x * (1.0 - y2)) / one_minus_exp(2.0 * x)
 }
 
 /// 1 − e^{−z}, z ≥ 0.
 #[inline]
 fn one_minus_exp(z: f64) -> f64 {
     if z > 1e-2 {
-        return 1.0 - (-z).exp();
+        return 1.0 - exp(-z);
     }
     // Five terms: the next one is z⁵/720 of the first.
     z * (1.0 - z / 2.0 * (1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0))))
@@ -42,21 +42,21 @@ pub(crate) struct Forward {
 }
 
 impl Forward {
-    #[inline]
+    #[inline(always)]
     pub(crate) fn new(x: f64) -> Self {
         // sech²(ky) stays within 9 % of the Gaussian's core for k = 0.8/sd, and sd = 1/(2√x).
-        let k = (1.6 * x.sqrt()).max(1e-4);
-        let e = (-2.0 * k).exp();
+        let k = greatest(1.6 * x.sqrt(), 1e-4);
+        let e = exp(-2.0 * k);
         Self { narrow: x / (x + 0.25), k, tanh_k: (1.0 - e) / (1.0 + e) }
     }
 
     /// Density per radian of φ.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn pdf(&self, y2: f64) -> f64 {
         let y = y2.sqrt();
-        let e = (-2.0 * self.k * y).exp();
+        let e = exp(-2.0 * self.k * y);
         let sech2 = 4.0 * e / ((1.0 + e) * (1.0 + e));
-        let cos_half = (1.0 - y2).max(0.0).sqrt();
+        let cos_half = greatest(1.0 - y2, 0.0).sqrt();
         (1.0 - self.narrow) * INVERSE_TAU + self.narrow * 0.25 * cos_half * self.k * sech2 / self.tanh_k
     }
 

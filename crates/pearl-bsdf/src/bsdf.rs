@@ -2,19 +2,19 @@
 
 use crate::Direction;
 use crate::angles::{Polar, half_azimuth2};
-use crate::colour::{self, Angles, Colours, HalfAngles, Palette, TALLIES};
+use crate::colour::{self, Angles, Colours, HalfAngles, Palette, TALLIES, Viewer};
 use crate::controls::{BsdfError, Components, Controls};
-use crate::curve::{self, NODES, Place};
+use crate::curve::{self, NODES, Place, Quads};
 use crate::facets::{Facets, Half, Rules};
 use crate::quadrature::gauss_legendre;
-use crate::tabulated::{Exit, Incidence, Tabulated};
+use crate::tabulated::{Incidence, Light, Tabulated};
 use lut_io::axis::Stretched;
 use lut_io::dispersion::Dispersion;
 use lut_io::lobe::Interpolant;
 use lut_io::reciprocal;
 use lut_io::spectra::Spectra;
 use lut_io::table::Table;
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{FRAC_1_PI, FRAC_PI_2, PI, TAU};
 
 /// What is sampled, in the order of the probabilities: interior, rehit, facets of interface 0, base.
 const INTERIOR: usize = 0;
@@ -74,7 +74,7 @@ pub struct PearlBsdf {
     wavelength_nm: Vec<f64>,
     bands: Vec<Colours>,
     /// Over θi: probability of sampling interior, rehit, surface, base.
-    chances: Box<[[f64; 4]; NODES]>,
+    chances: Quads,
     /// The pearl at further wavelengths, where the table's lobe depends on them.
     dispersed: Option<Box<Dispersed>>,
 }
@@ -95,20 +95,13 @@ struct Dispersed {
 /// What both eval and pdf need of a pair of directions.
 struct Geometry {
     half: Half,
-    incidence: Incidence,
-    exit: Exit,
+    /// [`Facets::facing`].
+    facing: f64,
+    light: Light,
     at_i: Place,
+    at_o: Place,
     polar_i: Polar,
     polar_o: Polar,
-    /// sin²(φ/2).
-    y2: f64,
-}
-
-/// Which of the two directions the viewer is at.
-#[derive(Clone, Copy, Debug)]
-enum Viewer {
-    AtExit,
-    AtIncidence,
 }
 
 impl PearlBsdf {
@@ -192,9 +185,10 @@ impl PearlBsdf {
     }
 
     /// Linear sRGB with the lobe at the table's own wavelength.
+    #[inline(always)]
     fn eval_own(&self, wi: Direction, wo: Direction, viewer: Viewer) -> Evaluation {
         let Some(geometry) = self.geometry(wi, wo) else { return Evaluation::default() };
-        self.shade(&self.rgb, &geometry, self.lobes(&geometry), wo, viewer)
+        self.shade(&self.rgb, &geometry, self.lobes(&geometry), viewer)
     }
 
     /// Linear sRGB of all bands: each channel takes its share of each lobe.
@@ -231,8 +225,7 @@ impl PearlBsdf {
         }
         let Some(geometry) = self.geometry(view, light) else { return vec![0.0; wavelengths_nm.len()] };
         let lobes = self.lobes(&geometry);
-        let shade =
-            |colours: &Colours| self.shade(colours, &geometry, lobes, light, Viewer::AtIncidence).rgb();
+        let shade = |colours: &Colours| self.shade(colours, &geometry, lobes, Viewer::AtIncidence).rgb();
         if self.bands.is_empty() {
             let mean = shade(&self.rgb).iter().sum::<f64>() / 3.0;
             return vec![mean; wavelengths_nm.len()];
@@ -258,12 +251,12 @@ impl PearlBsdf {
         let Some(geometry) = self.geometry(wi, wo) else { return [0.0; 4] };
         let lobes = self.lobes(&geometry);
         if self.bands.is_empty() {
-            let parts = self.shade(&self.rgb, &geometry, lobes, wo, viewer).parts();
+            let parts = self.shade(&self.rgb, &geometry, lobes, viewer).parts();
             return parts.map(|rgb| rgb.iter().sum::<f64>() / 3.0);
         }
         let (lo, hi, share) = around_wavelength(&self.wavelength_nm, wavelength_nm);
         let band = |index: usize| {
-            self.shade(&self.bands[index / 3], &geometry, lobes, wo, viewer)
+            self.shade(&self.bands[index / 3], &geometry, lobes, viewer)
                 .parts()
                 .map(|channels| channels[index % 3])
         };
@@ -274,7 +267,7 @@ impl PearlBsdf {
     /// Density with which [`Self::sample`] finds wo, 1/sr.
     #[must_use]
     pub fn pdf(&self, wi: Direction, wo: Direction) -> f64 {
-        self.geometry(wi, wo).map_or(0.0, |geometry| self.density(&geometry, wi, wo))
+        self.geometry(wi, wo).map_or(0.0, |geometry| self.density(&geometry))
     }
 
     /// [`Self::eval`] and [`Self::pdf`] for little more than the price of one.
@@ -288,12 +281,9 @@ impl PearlBsdf {
     fn value_and_density(&self, geometry: &Geometry, wi: Direction, wo: Direction) -> (Evaluation, f64) {
         if self.dispersed.is_some() {
             // The lobe at the table's own wavelength is what is sampled.
-            return (self.eval(wi, wo), self.density(geometry, wi, wo));
+            return (self.eval(wi, wo), self.density(geometry));
         }
-        (
-            self.shade(&self.rgb, geometry, self.lobes(geometry), wo, Viewer::AtExit),
-            self.density(geometry, wi, wo),
-        )
+        (self.shade(&self.rgb, geometry, self.lobes(geometry), Viewer::AtExit), self.density(geometry))
     }
 
     /// An exit direction from three uniform numbers in [0, 1); `None` where nothing is reflected, or where the
@@ -303,12 +293,12 @@ impl PearlBsdf {
         if !above_horizon(wi) {
             return None;
         }
-        let chances = self.chances(Place::of_cos(wi[2]));
-        let (part, select) = choose(&chances, u1)?;
-        let polar = Polar::of(wi);
+        let at_i = Place::of_cos(wi[2]);
+        let (part, select) = choose(&self.chances(at_i), u1)?;
+        let [polar] = Polar::of([wi]);
         let incidence = self.tabulated.incidence(&polar);
         let wo = match part {
-            SURFACE => self.facets.sample(wi, polar.azimuth, u2, u3)?,
+            SURFACE => self.facets.sample(wi, &polar, u2, u3)?,
             BASE => cosine_hemisphere(u2, u3),
             _ => {
                 let (theta_o, around) = self.tabulated.sample(part, &incidence, select, u2, u3)?;
@@ -318,7 +308,9 @@ impl PearlBsdf {
         if !above_horizon(wo) {
             return None;
         }
-        let (value, pdf) = self.value_and_density(&self.geometry_at(wi, polar, incidence, wo), wi, wo);
+        let ([polar_o], at_o) = (Polar::of([wo]), Place::of_cos(wo[2]));
+        let geometry = self.geometry_at(wi, wo, (polar, at_i), (polar_o, at_o), incidence);
+        let (value, pdf) = self.value_and_density(&geometry, wi, wo);
         (pdf > 0.0 && pdf.is_finite()).then_some(Sample { wo, pdf, value })
     }
 
@@ -367,58 +359,61 @@ impl PearlBsdf {
         [diffuse, incoherent, mirror, blur]
     }
 
-    #[inline]
+    #[inline(always)]
     fn geometry(&self, wi: Direction, wo: Direction) -> Option<Geometry> {
         if !(above_horizon(wi) && above_horizon(wo)) {
             return None;
         }
-        let polar_i = Polar::of(wi);
-        Some(self.geometry_at(wi, polar_i, self.tabulated.incidence(&polar_i), wo))
+        let [polar_i, polar_o] = Polar::of([wi, wo]);
+        let [at_i, at_o] = Place::of_cosines([wi[2], wo[2]]);
+        Some(self.geometry_at(wi, wo, (polar_i, at_i), (polar_o, at_o), self.tabulated.incidence(&polar_i)))
     }
 
     /// The geometry of an incidence that is known.
-    #[inline]
-    fn geometry_at(&self, wi: Direction, polar_i: Polar, incidence: Incidence, wo: Direction) -> Geometry {
-        let polar_o = Polar::of(wo);
+    #[inline(always)]
+    fn geometry_at(
+        &self,
+        wi: Direction,
+        wo: Direction,
+        (polar_i, at_i): (Polar, Place),
+        (polar_o, at_o): (Polar, Place),
+        incidence: Incidence,
+    ) -> Geometry {
         let y2 = half_azimuth2(&polar_i, &polar_o);
-        let exit = self.tabulated.exit(&incidence, polar_o.theta, polar_o.sin, y2);
-        let half = Half::new(wi, wo, polar_i.azimuth);
-        Geometry { half, incidence, exit, at_i: Place::of_cos(wi[2]), polar_i, polar_o, y2 }
+        let light = self.tabulated.light(&incidence, &polar_i, &polar_o, y2);
+        let half = Half::new(wi, wo);
+        let facing = self.facets.facing(&half);
+        Geometry { half, facing, light, at_i, at_o, polar_i, polar_o }
     }
 
     /// f·cos θo of the lobes short of their colour: mirror and blur.
-    #[inline]
+    #[inline(always)]
     fn lobes(&self, geometry: &Geometry) -> [f64; 2] {
-        let Geometry { incidence, exit, at_i, polar_i, polar_o, y2, .. } = geometry;
-        let [interior, rehit] = self.tabulated.eval_pair(incidence, exit, polar_i, polar_o, *y2);
+        let Geometry { half, facing, light, at_i, polar_o, .. } = geometry;
+        let [interior, rehit] = light.values;
         let scale = self.mirror_factor(at_i.read(&self.mirror_scale), *at_i, polar_o.cos);
-        [rehit + self.facets.reflection(&geometry.half) * scale, interior]
+        [rehit + self.facets.reflection(half, *facing) * scale, interior]
     }
 
     /// Factor of the closed-form reflection; `scale` is that of tables that are not reciprocal.
-    #[inline]
+    #[inline(always)]
     fn mirror_factor(&self, scale: f64, at_i: Place, cos_o: f64) -> f64 {
         let Some(ends) = &self.mirror_ends else { return scale };
         at_i.read(ends) * Place::of_cos(cos_o).read(ends) * cos_o
     }
 
-    #[inline]
+    #[inline(always)]
     fn shade(
         &self,
         colours: &Colours,
         geometry: &Geometry,
         [mirror, blur]: [f64; 2],
-        wo: Direction,
         viewer: Viewer,
     ) -> Evaluation {
         let components = self.controls.components;
-        let (at_i, exit) = (geometry.at_i, Place::of_cos(wo[2]));
-        let view = match viewer {
-            Viewer::AtExit => exit,
-            Viewer::AtIncidence => at_i,
-        };
-        let angles = Angles { incidence: at_i, exit, half: Place::of_cos(geometry.half.cos), view };
-        let terms = colours.terms(angles, wo[2]);
+        let half = Place::of_cos(geometry.half.cos);
+        let angles = Angles { incidence: geometry.at_i, exit: geometry.at_o, half };
+        let terms = colours.terms(angles, geometry.polar_o.cos, viewer);
         let shown = |show: bool, rgb: [f64; 3]| if show { rgb } else { [0.0; 3] };
         Evaluation {
             diffuse: shown(components.diffuse, terms.diffuse),
@@ -428,24 +423,23 @@ impl PearlBsdf {
         }
     }
 
-    #[inline]
-    fn density(&self, geometry: &Geometry, wi: Direction, wo: Direction) -> f64 {
+    #[inline(always)]
+    fn density(&self, geometry: &Geometry) -> f64 {
         let chances = self.chances(geometry.at_i);
-        let mut pdf = chances[BASE] * wo[2] / PI;
-        for part in [INTERIOR, REHIT] {
-            if chances[part] > 0.0 {
-                pdf += chances[part] * self.tabulated.pdf(part, &geometry.incidence, &geometry.exit);
-            }
+        let mut pdf = chances[BASE] * geometry.polar_o.cos * FRAC_1_PI;
+        if chances[INTERIOR] + chances[REHIT] > 0.0 {
+            let lobes = geometry.light.densities;
+            pdf += chances[INTERIOR] * lobes[INTERIOR] + chances[REHIT] * lobes[REHIT];
         }
         if chances[SURFACE] > 0.0 {
-            pdf += chances[SURFACE] * self.facets.pdf(wi, &geometry.half);
+            pdf += chances[SURFACE] * self.facets.pdf(&geometry.polar_i, &geometry.half, geometry.facing);
         }
         pdf
     }
 
-    #[inline]
+    #[inline(always)]
     fn chances(&self, at_i: Place) -> [f64; 4] {
-        at_i.read4(&self.chances)
+        at_i.read4(&self.chances).map(f64::from)
     }
 }
 
@@ -493,7 +487,7 @@ pub(crate) fn at_wavelength(nodes: &[f64], values: &[f64], nm: f64) -> f64 {
 }
 
 /// Whether a vector is a direction, and above the horizon. Rounding may have left its length; a tenth off is a mistake.
-#[inline]
+#[inline(always)]
 fn above_horizon([x, y, z]: Direction) -> bool {
     // False for NaN and infinities.
     z > 0.0 && (0.81..1.21).contains(&(x * x + y * y + z * z))
@@ -603,8 +597,7 @@ fn tabulated_light(
         });
         for &(phi, weight_phi) in walked.iter().chain(&decayed).flatten() {
             let y2 = (0.5 * phi).sin().powi(2);
-            let exit = tabulated.exit(&incidence, theta_o, sin_o, y2);
-            let light = tabulated.eval_pair(&incidence, &exit, &i, &o, y2);
+            let light = tabulated.light(&incidence, &i, &o, y2).values;
             // Both sides of the plane of incidence.
             let weight = 2.0 * weight_o * weight_phi * sin_o;
             // wi·wo = cos θi cos θo − sin θi sin θo cos φ.
@@ -686,22 +679,18 @@ fn mirror_ends(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Box<[f64; 
 }
 
 /// Probabilities of the four techniques: the albedos of what is shown.
-fn chances(rgb: &Colours, controls: &Controls) -> Box<[[f64; 4]; NODES]> {
+fn chances(rgb: &Colours, controls: &Controls) -> Quads {
     let Components { diffuse, incoherent, mirror, blur } = controls.components;
-    let mut chances = Box::new([[0.0; 4]; NODES]);
-    for (node, chance) in chances.iter_mut().enumerate() {
+    curve::quads(|node| {
         let [a_interior, a_rehit, a_surface, a_diffuse, a_incoherent] = rgb.mean_albedos(node);
         let shown = |show: bool, albedo: f64| if show { albedo } else { 0.0 };
-        *chance = [
+        let chance = [
             shown(blur, a_interior),
             shown(mirror, a_rehit),
             shown(mirror, a_surface),
             shown(diffuse, a_diffuse) + shown(incoherent, a_incoherent),
         ];
         let total: f64 = chance.iter().sum();
-        if total > 0.0 {
-            chance.iter_mut().for_each(|c| *c /= total);
-        }
-    }
-    chances
+        if total > 0.0 { chance.map(|c| c / total) } else { chance }
+    })
 }

@@ -1,7 +1,7 @@
 //! Colour of both terms, three channels at a time: RGB is one group, wavelength bands are as many as needed.
 
 use crate::controls::Controls;
-use crate::curve::{self, NODES, Place};
+use crate::curve::{self, NODES, Place, Quads};
 use crate::quadrature::Spline;
 use lut_io::lobe::Interpolant;
 use lut_io::monotone::Monotone;
@@ -27,13 +27,15 @@ pub(crate) type HalfAngles = Vec<[Box<[f64; NODES]>; 3]>;
 #[derive(Clone, Debug)]
 pub(crate) struct Colours {
     /// brightness·[(1 − γ) + γ·tint·M] over θd.
-    factor: Curves,
+    factor: Quads,
     /// limit(θi) of the first term.
-    limit: Curves,
+    limit: Quads,
     /// 1 − A, limit included.
-    rest: Curves,
+    rest: Quads,
     /// tint·Ê over θo.
-    illuminant: Curves,
+    illuminant: Quads,
+    /// Whether there is an angle at which the base would send out more than it receives.
+    overflows: bool,
     /// 1/(π(1 − A_avg)).
     base: [f64; 3],
     /// ρ.
@@ -108,8 +110,13 @@ pub(crate) struct Angles {
     pub(crate) exit: Place,
     /// θd.
     pub(crate) half: Place,
-    /// The one of incidence and exit that looks at the surface: the illuminant's.
-    pub(crate) view: Place,
+}
+
+/// Which of the two directions the viewer is at: the illuminant is read there.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Viewer {
+    AtExit,
+    AtIncidence,
 }
 
 /// Light of the four components.
@@ -169,13 +176,25 @@ impl Colours {
         let left = [0, 1, 2].map(|c| curve::hemispherical_mean(|node| rest[node][c]));
         let base = left.map(|left| if left > NOTHING_LEFT { 1.0 / (PI * left) } else { 0.0 });
         let body = palette.body;
-        let mut this =
-            Self { factor, limit, rest, illuminant, base, body, depth, shares, sent: [[0.0; 3]; 2] };
+        let overflows = illuminant
+            .iter()
+            .any(|colour| (0..3).any(|c| body[c] * ((1.0 - depth) + depth * colour[c]) > 1.0));
+        let mut this = Self {
+            factor: read_together(&factor),
+            limit: read_together(&limit),
+            rest: read_together(&rest),
+            illuminant: read_together(&illuminant),
+            overflows,
+            base,
+            body,
+            depth,
+            shares,
+            sent: [[0.0; 3]; 2],
+        };
         this.sent = [0, 1].map(|part| {
             // Colour and 1 − A are read linearly one by one; their product at the nodes misses the curvature of
             // the product only, 1e-6 of it at these steps.
-            let sent =
-                |node: usize, c: usize| this.rest[node][c] * this.base_colour(this.illuminant[node])[part][c];
+            let sent = |node: usize, c: usize| rest[node][c] * this.base_colour(illuminant[node])[part][c];
             [0, 1, 2].map(|c| curve::hemispherical_mean(|node| sent(node, c)) / left[c].max(NOTHING_LEFT))
         });
         this
@@ -183,12 +202,16 @@ impl Colours {
 
     /// What the base makes of the light at a viewing angle: ρ(1 − depth) and ρ·depth·Ê, lowered together where they would
     /// send out more than they receive. By angle: what a viewer sees of a white surrounding must not exceed it either.
-    #[inline]
+    #[inline(always)]
     fn base_colour(&self, illuminant: [f64; 3]) -> [[f64; 3]; 2] {
         let (mut diffuse, mut incoherent) = ([0.0; 3], [0.0; 3]);
         for c in 0..3 {
             let (plain, coloured) = (1.0 - self.depth, self.depth * illuminant[c]);
-            let body = self.body[c] / (self.body[c] * (plain + coloured)).max(1.0);
+            let body = if self.overflows {
+                self.body[c] / (self.body[c] * (plain + coloured)).max(1.0)
+            } else {
+                self.body[c]
+            };
             diffuse[c] = body * plain;
             incoherent[c] = body * coloured;
         }
@@ -196,31 +219,37 @@ impl Colours {
     }
 
     /// Colours at an incidence, an exit and a half-vector angle; the base includes cos θo.
-    #[inline]
-    pub(crate) fn terms(&self, at: Angles, cos_o: f64) -> Terms {
-        let Angles { incidence: at_i, exit: at_o, half: at_d, view } = at;
-        let (rest_i, rest_o) = (at_i.read3(&self.rest), at_o.read3(&self.rest));
-        let colour = self.base_colour(view.read3(&self.illuminant));
-        let base: [f64; 3] = std::array::from_fn(|c| self.base[c] * rest_i[c] * rest_o[c] * cos_o);
-        let [diffuse, incoherent] = colour.map(|part| std::array::from_fn(|c| base[c] * part[c]));
-        Terms { diffuse, incoherent, lobe: self.lobe_factor(at_i, at_d) }
+    #[inline(always)]
+    pub(crate) fn terms(&self, at: Angles, cos_o: f64, viewer: Viewer) -> Terms {
+        let Angles { incidence: at_i, exit: at_o, half: at_d } = at;
+        let view = if matches!(viewer, Viewer::AtExit) { at_o } else { at_i };
+        let (rest_i, rest_o) = (at_i.read4(&self.rest), at_o.read4(&self.rest));
+        let [diffuse, incoherent] = self.base_colour(channels(view.read4(&self.illuminant)));
+        let mut terms = Terms { diffuse, incoherent, lobe: self.lobe_factor(at_i, at_d) };
+        for c in 0..3 {
+            let base = self.base[c] * cos_o * f64::from(rest_i[c] * rest_o[c]);
+            terms.diffuse[c] *= base;
+            terms.incoherent[c] *= base;
+        }
+        terms
     }
 
     /// Colour of the first term: multiplies the lobe.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn lobe_factor(&self, at_i: Place, at_d: Place) -> [f64; 3] {
-        let (factor, limit) = (at_d.read3(&self.factor), at_i.read3(&self.limit));
-        std::array::from_fn(|c| factor[c] * limit[c])
+        let (factor, limit) = (at_d.read4(&self.factor), at_i.read4(&self.limit));
+        channels([factor[0] * limit[0], factor[1] * limit[1], factor[2] * limit[2], 0.0])
     }
 
     /// Directional albedo of the base, viewed from the exits: diffuse and incoherent part.
     pub(crate) fn base_albedo(&self, at_i: Place) -> [[f64; 3]; 2] {
-        self.sent_of(at_i.read3(&self.rest), self.sent)
+        self.sent_of(channels(at_i.read4(&self.rest)), self.sent)
     }
 
     /// The same, viewed from the incidence.
     pub(crate) fn base_albedo_seen(&self, at_i: Place) -> [[f64; 3]; 2] {
-        self.sent_of(at_i.read3(&self.rest), self.base_colour(at_i.read3(&self.illuminant)))
+        let illuminant = channels(at_i.read4(&self.illuminant));
+        self.sent_of(channels(at_i.read4(&self.rest)), self.base_colour(illuminant))
     }
 
     fn sent_of(&self, rest: [f64; 3], parts: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
@@ -231,7 +260,8 @@ impl Colours {
     /// Directional albedo as seen at a node, mean of the channels: interior, rehit, surface, diffuse, incoherent.
     pub(crate) fn mean_albedos(&self, node: usize) -> [f64; 5] {
         let mean = |rgb: [f64; 3]| rgb.iter().sum::<f64>() / 3.0;
-        let [diffuse, incoherent] = self.sent_of(self.rest[node], self.base_colour(self.illuminant[node]));
+        let (rest, illuminant) = (channels(self.rest[node]), channels(self.illuminant[node]));
+        let [diffuse, incoherent] = self.sent_of(rest, self.base_colour(illuminant));
         [
             mean(self.shares[0][node]),
             mean(self.shares[2][node]),
@@ -240,6 +270,16 @@ impl Colours {
             mean(incoherent),
         ]
     }
+}
+
+fn read_together(curves: &Curves) -> Quads {
+    curve::quads(|node| [curves[node][0], curves[node][1], curves[node][2], 0.0])
+}
+
+/// The three channels of what was read.
+#[inline(always)]
+fn channels([r, g, b, _]: [f32; 4]) -> [f64; 3] {
+    [f64::from(r), f64::from(g), f64::from(b)]
 }
 
 /// Share of the light that interface 0 reflects at first meeting.

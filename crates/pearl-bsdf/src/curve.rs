@@ -3,12 +3,25 @@
 //! Near the normal u ≈ θ/2, so that what a table knows at every degree is resolved; near the horizon cos θ ≈ 4(1 − u)²,
 //! so that albedos that fall off within a few σ are too. Two square roots a look-up, no arc cosine.
 
+use crate::angles::{between, greatest, least, step_of};
 use crate::quadrature::gauss_legendre;
 
 /// Steps of the grid.
 pub(crate) const STEPS: usize = 1024;
 /// Nodes of the grid.
 pub(crate) const NODES: usize = STEPS + 1;
+
+/// Four curves, read together; single precision keeps what a curve read linearly has.
+pub(crate) type Quads = Box<[[f32; 4]; NODES]>;
+
+/// Curves from their values at a node.
+pub(crate) fn quads(at: impl Fn(usize) -> [f64; 4]) -> Quads {
+    let mut quads = Box::new([[0.0; 4]; NODES]);
+    for (node, quad) in quads.iter_mut().enumerate() {
+        *quad = at(node).map(|value| value as f32);
+    }
+    quads
+}
 
 /// A place between two nodes.
 #[derive(Clone, Copy, Debug)]
@@ -18,34 +31,50 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// The place of an angle, by its cosine; clamped to [0, 1].
-    #[inline]
-    #[allow(clippy::manual_clamp)] // `max` first turns a NaN into 0; `clamp` would keep it
+    /// The place of an angle, by its cosine; clamped to [0, 1], a NaN to 0.
+    #[inline(always)]
     pub(crate) fn of_cos(cos: f64) -> Self {
-        let u = (1.0 - cos.max(0.0).min(1.0).sqrt()).sqrt() * STEPS as f64;
-        let index = (u as usize).min(STEPS - 1);
-        Self { index, fraction: u - index as f64 }
+        let [place] = Self::of_cosines([cos]);
+        place
     }
 
-    /// A curve read here, linearly between its nodes.
-    #[inline]
+    /// The places of several angles, two for little more than the price of one.
+    #[inline(always)]
+    pub(crate) fn of_cosines<const N: usize>(cos: [f64; N]) -> [Self; N] {
+        let mut u = cos;
+        for u in &mut u {
+            *u = least(greatest(*u, 0.0), 1.0).sqrt();
+        }
+        for u in &mut u {
+            *u = (1.0 - *u).sqrt() * STEPS as f64;
+        }
+        let mut places = [Self { index: 0, fraction: 0.0 }; N];
+        for (place, u) in places.iter_mut().zip(u) {
+            let (index, fraction) = step_of(u, (STEPS - 1) as f64);
+            *place = Self { index, fraction };
+        }
+        places
+    }
+
+    /// Four curves read here, linearly between their nodes.
+    #[inline(always)]
+    pub(crate) fn read4(self, curves: &Quads) -> [f32; 4] {
+        let (a, b) = self.around(curves);
+        between(a, b, self.fraction as f32)
+    }
+
+    /// A curve read here.
+    #[inline(always)]
     pub(crate) fn read(self, curve: &[f64; NODES]) -> f64 {
-        let (a, b) = (curve[self.index], curve[self.index + 1]);
+        let (a, b) = self.around(curve);
         a + self.fraction * (b - a)
     }
 
-    /// Three curves read here, linearly between their nodes.
-    #[inline]
-    pub(crate) fn read3(self, curves: &[[f64; 3]; NODES]) -> [f64; 3] {
-        let (a, b) = (&curves[self.index], &curves[self.index + 1]);
-        std::array::from_fn(|c| a[c] + self.fraction * (b[c] - a[c]))
-    }
-
-    /// Four curves read here.
-    #[inline]
-    pub(crate) fn read4(self, curves: &[[f64; 4]; NODES]) -> [f64; 4] {
-        let (a, b) = (&curves[self.index], &curves[self.index + 1]);
-        std::array::from_fn(|c| a[c] + self.fraction * (b[c] - a[c]))
+    #[inline(always)]
+    fn around<T>(self, curve: &[T; NODES]) -> (&T, &T) {
+        // The mask says to the compiler what `of_cosines` keeps.
+        let index = self.index & (STEPS - 1);
+        (&curve[index], &curve[index + 1])
     }
 
     /// Adds a mass here to a histogram over the nodes, split linearly.
@@ -98,9 +127,9 @@ mod tests {
 
     #[test]
     fn places_are_clamped_and_never_nan() {
-        let ramp: Box<[[f64; 3]; NODES]> = Box::new(std::array::from_fn(|i| [i as f64; 3]));
+        let ramp = quads(|i| [i as f64; 4]);
         for (cos, expected) in [(f64::NAN, 1024.0), (-1.0, 1024.0), (2.0, 0.0), (0.5625, 512.0)] {
-            assert_eq!(Place::of_cos(cos).read3(&ramp), [expected; 3]);
+            assert_eq!(Place::of_cos(cos).read4(&ramp), [expected; 4]);
         }
     }
 }

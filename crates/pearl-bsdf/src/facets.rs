@@ -6,6 +6,7 @@
 //! P(m) = exp(−(p² + q²)/2σ²)/(2πσ² m_z³), and dωm = dωo/(4 wi·m).
 
 use crate::Direction;
+use crate::angles::{Polar, exp, greatest, least};
 use crate::quadrature::gauss_legendre;
 use lut_io::table::SurfaceModel;
 use statrs::function::erf::erfc_inv;
@@ -34,30 +35,48 @@ pub(crate) struct Facets {
 /// wi and wo with what both lobes need of their half vector.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Half {
-    /// Slopes of the half vector, p along wi's azimuth.
-    pub(crate) p: f64,
-    pub(crate) q: f64,
-    /// Its z.
-    pub(crate) z: f64,
+    /// wi + wo, of any length.
+    h: Direction,
+    /// Square of its slope.
+    slope2: f64,
+    /// One over the z of the unit half vector, and one over that of `h`.
+    steep: f64,
+    inverse_z: f64,
     /// wi·h = cos θd.
     pub(crate) cos: f64,
 }
 
 impl Half {
-    /// Of two unit vectors above the horizon, the first with the cos and sin of its azimuth.
-    #[inline]
-    pub(crate) fn new(wi: Direction, wo: Direction, (along, across): (f64, f64)) -> Self {
+    /// Of two unit vectors above the horizon.
+    #[inline(always)]
+    pub(crate) fn new(wi: Direction, wo: Direction) -> Self {
+        // A z below which no facet is so steep.
+        const FLAT: f64 = 1e-90;
         let h = [wi[0] + wo[0], wi[1] + wo[1], wi[2] + wo[2]];
-        let length2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
-        // |wi + wo| = 2 cos θd. Two directions within 1e-150 of opposite horizons have a square of 0.
-        let length = if length2 > 1e-300 { length2.sqrt() } else { h[0].hypot(h[1]).hypot(h[2]) };
-        let (hx, hy) = (h[0] * along + h[1] * across, h[1] * along - h[0] * across);
-        Self {
-            p: -hx / h[2],
-            q: -hy / h[2],
-            z: (h[2] / length).min(1.0),
-            cos: (0.5 * length).clamp(GRAZING, 1.0),
+        let across2 = h[0] * h[0] + h[1] * h[1];
+        let length2 = across2 + h[2] * h[2];
+        if length2 < 1e-300 {
+            return Self::of_opposites(h);
         }
+        // |wi + wo| = 2 cos θd.
+        let length = length2.sqrt();
+        let inverse_z = 1.0 / greatest(h[2], FLAT);
+        Self {
+            h,
+            slope2: across2 * inverse_z * inverse_z,
+            steep: greatest(length * inverse_z, 1.0),
+            inverse_z,
+            cos: least(greatest(0.5 * length, GRAZING), 1.0),
+        }
+    }
+
+    /// Of two directions within 1e-150 of opposite horizons, whose sum has a square of 0.
+    #[cold]
+    fn of_opposites(h: Direction) -> Self {
+        let largest = h.iter().fold(0.0, |largest: f64, x| largest.max(x.abs())).max(f64::MIN_POSITIVE);
+        let mut this = Self::new(h.map(|x| x / largest), [0.0; 3]);
+        this.cos = GRAZING;
+        this
     }
 }
 
@@ -85,17 +104,19 @@ impl Facets {
         self.sigma
     }
 
-    /// f·cos θo short of the factor that depends on θi alone: P(m)·F/(4 wi·m), times wi·m/m_z for visible facets.
-    #[inline]
-    pub(crate) fn reflection(&self, half: &Half) -> f64 {
-        let slopes = self.slopes_density(half);
-        if slopes <= 0.0 {
-            // No such facets; at the horizon half.z may be 0 as well.
-            return 0.0;
-        }
-        let density = slopes / (half.z * half.z * half.z);
-        let fresnel = self.fresnel(half.cos);
-        if self.visible { 0.25 * density * fresnel / half.z } else { 0.25 * density * fresnel / half.cos }
+    /// P(m)/(4 wi·m): density of facets in solid angle of wo.
+    #[inline(always)]
+    pub(crate) fn facing(&self, half: &Half) -> f64 {
+        let density = self.peak * exp(self.exponent * half.slope2);
+        density * (half.steep * half.steep * half.steep) / (4.0 * half.cos)
+    }
+
+    /// f·cos θo short of the factor that depends on θi alone: P(m)·F/(4 wi·m), times wi·m/m_z for visible facets;
+    /// `facing` is [`Self::facing`].
+    #[inline(always)]
+    pub(crate) fn reflection(&self, half: &Half, facing: f64) -> f64 {
+        let reflected = facing * self.fresnel(half.cos);
+        if self.visible { reflected * (half.cos * half.steep) } else { reflected }
     }
 
     /// ∫ [`Self::reflection`] over the exit hemisphere, handed out piece by piece as (mass, cos θd).
@@ -111,7 +132,7 @@ impl Facets {
             // Even in q: one half of it, twice.
             let q = 0.5 * q_end * (1.0 + x);
             let across = weight * q_end * self.slope_density(q);
-            let limits = limits(cos_i, sin_i, q);
+            let limits = limits(cos_i, sin_i, q * q);
             let (lo, hi) = (limits.lo.max(-FAR * self.sigma), limits.hi.min(FAR * self.sigma));
             if lo >= hi {
                 continue;
@@ -129,45 +150,48 @@ impl Facets {
         }
     }
 
-    /// Density per steradian with which [`Self::sample`] finds the direction.
-    #[inline]
-    pub(crate) fn pdf(&self, wi: Direction, half: &Half) -> f64 {
-        let (cos_i, sin_i) = (wi[2], (1.0 - wi[2] * wi[2]).max(0.0).sqrt());
-        let slopes = self.slopes_density(half);
-        if slopes <= 0.0 {
+    /// Density per steradian with which [`Self::sample`] finds the direction; `facing` is [`Self::facing`].
+    #[inline(always)]
+    pub(crate) fn pdf(&self, at: &Polar, half: &Half, facing: f64) -> f64 {
+        if facing <= 0.0 {
             return 0.0;
         }
-        let limits = limits(cos_i, sin_i, half.q);
-        let kept = self.kept(-1.0 / cos_i, 1.0 / cos_i) * self.kept(limits.lo, limits.hi);
-        if kept <= 0.0 {
-            return 0.0;
+        let (along, across) = at.azimuth;
+        let q = (half.h[1] * along - half.h[0] * across) * half.inverse_z;
+        let kept = self.kept_across(at.cos) * self.kept_along(at.cos, at.sin, q * q);
+        if kept > 0.0 { facing / kept } else { 0.0 }
+    }
+
+    /// Probability that q of a facet lies within the disc.
+    #[inline(always)]
+    fn kept_across(&self, cos_i: f64) -> f64 {
+        if FAR * self.sigma * cos_i <= 1.0 { 1.0 } else { self.kept(-1.0 / cos_i, 1.0 / cos_i) }
+    }
+
+    /// Probability that p of a facet lies within the disc, at one q.
+    #[inline(always)]
+    fn kept_along(&self, cos_i: f64, sin_i: f64, q2: f64) -> f64 {
+        // The limits of [`limits`] beyond ±FAR σ, without its divisions.
+        let far = FAR * self.sigma;
+        let reach = sin_i + greatest(1.0 - q2 * cos_i * cos_i, 0.0).sqrt();
+        if cos_i * (1.0 - q2) >= far * reach && reach >= far * cos_i {
+            return 1.0;
         }
-        slopes / (kept * 4.0 * half.cos * half.z * half.z * half.z)
+        let limits = limits(cos_i, sin_i, q2);
+        self.kept(limits.lo, limits.hi)
     }
 
     /// A direction above the horizon: slopes from the normal distribution cut to the disc of the module's head.
-    pub(crate) fn sample(
-        &self,
-        wi: Direction,
-        (along, across): (f64, f64),
-        u: f64,
-        v: f64,
-    ) -> Option<Direction> {
-        let (cos_i, sin_i) = (wi[2], (1.0 - wi[2] * wi[2]).max(0.0).sqrt());
+    pub(crate) fn sample(&self, wi: Direction, at: &Polar, u: f64, v: f64) -> Option<Direction> {
+        let Polar { cos: cos_i, sin: sin_i, azimuth: (along, across), .. } = *at;
         let q = self.truncated_normal(-1.0 / cos_i, 1.0 / cos_i, u)?;
-        let limits = limits(cos_i, sin_i, q);
+        let limits = limits(cos_i, sin_i, q * q);
         let p = self.truncated_normal(limits.lo, limits.hi, v)?;
         let z = 1.0 / (1.0 + p * p + q * q).sqrt();
         let m = [z * (q * across - p * along), -z * (p * across + q * along), z];
         let twice = 2.0 * (wi[0] * m[0] + wi[1] * m[1] + wi[2] * m[2]);
         let wo: Direction = std::array::from_fn(|i| twice * m[i] - wi[i]);
         (wo[2] > 0.0).then_some(wo)
-    }
-
-    /// Density of both slopes of a facet.
-    #[inline]
-    fn slopes_density(&self, half: &Half) -> f64 {
-        self.peak * (self.exponent * (half.p * half.p + half.q * half.q)).exp()
     }
 
     #[inline]
@@ -202,7 +226,7 @@ impl Facets {
     }
 
     /// Unpolarised Fresnel reflectance at the cosine of the local angle of incidence.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn fresnel(&self, cos: f64) -> f64 {
         let ratio = self.index_ratio;
         let cos_t2 = 1.0 - (1.0 - cos * cos) / (ratio * ratio);
@@ -210,18 +234,20 @@ impl Facets {
             return 1.0;
         }
         let cos_t = cos_t2.sqrt();
-        let s = (cos - ratio * cos_t) / (cos + ratio * cos_t);
-        let p = (ratio * cos - cos_t) / (ratio * cos + cos_t);
-        0.5 * (s * s + p * p)
+        let (s, s_sum) = (cos - ratio * cos_t, cos + ratio * cos_t);
+        let (p, p_sum) = (ratio * cos - cos_t, ratio * cos + cos_t);
+        // (s/s_sum)² + (p/p_sum)² with one division.
+        let (both, crossed) = (s_sum * p_sum, [s * p_sum, p * s_sum]);
+        0.5 * (crossed[0] * crossed[0] + crossed[1] * crossed[1]) / (both * both)
     }
 }
 
 /// Where along p the disc of upward reflection lies, at one q.
 #[inline]
-fn limits(cos_i: f64, sin_i: f64, q: f64) -> Limits {
-    let chord = (1.0 - q * q * cos_i * cos_i).max(0.0).sqrt();
+fn limits(cos_i: f64, sin_i: f64, q2: f64) -> Limits {
+    let chord = (1.0 - q2 * cos_i * cos_i).max(0.0).sqrt();
     // −tan θ + √(sec²θ − q²) without its cancellation at grazing.
-    Limits { lo: -(sin_i + chord) / cos_i, hi: cos_i * (1.0 - q * q) / (sin_i + chord).max(1e-300) }
+    Limits { lo: -(sin_i + chord) / cos_i, hi: cos_i * (1.0 - q2) / (sin_i + chord).max(1e-300) }
 }
 
 /// P(X > x) of the standard normal distribution.

@@ -10,7 +10,7 @@
 //! there. Within a cap as narrow as a facet's tilt, where lobes do not vary much, what falls there is spread evenly over
 //! the solid angle.
 
-use crate::angles::{self, Polar, angle};
+use crate::angles::{self, Polar, angle, greatest, least, step_of};
 use crate::azimuth::{self, Forward};
 use crate::warp::{Cell, Warp};
 use lut_io::axis::ExitAxis;
@@ -25,6 +25,8 @@ pub(crate) const COMPONENTS: [Component; 2] = [Component::Interior, Component::R
 
 /// Largest radius of the cap around the normal, radians.
 const LARGEST_CAP: f64 = 0.1;
+
+const INVERSE_TAU: f64 = 1.0 / TAU;
 
 /// The cap around the normal in which the sampling density is even.
 #[derive(Clone, Copy, Debug)]
@@ -55,35 +57,50 @@ pub(crate) struct Tabulated {
     axis: ExitAxis,
     /// Whether the table is read at the larger of both angles ([`lut_io::reciprocal`]).
     reciprocal: bool,
-    /// Angles of incidence, radians.
-    theta: Vec<f64>,
-    /// Where to begin looking for an angle among them: their number at or before each of [`GUIDES`] equal steps to π/2.
+    /// Ranges of θi that one pair of rows serves, from 0 to π/2.
+    spans: Vec<Span>,
+    /// Where to begin looking for an angle among them: the one at each of [`GUIDES`] equal steps to π/2, or one before.
     guide: Vec<u16>,
-    /// w of the decay postulate at each incidence, radians.
-    width: Vec<f64>,
     columns: usize,
     rows: usize,
     /// Stretch width of the cells, radians, and its inverse.
     cell_width: f64,
     inverse_width: f64,
-    /// Interior and rehit of every cell, f·cos θo in 1/sr.
-    values: Vec<[f32; 2]>,
+    cells: Vec<Values>,
+    /// Σ of the sampling density of each incidence, both components.
+    totals: Vec<[f64; 2]>,
     sampling: [Sampling; 2],
-    /// Ends of the ranges of θi that one pair of rows serves, radians: the incidences, 0 and π/2.
-    spans: Vec<f64>,
     /// At equal steps of each span: smooth within it, with a kink at its ends.
     along: Vec<[Along; SPAN_STEPS + 1]>,
     cap: Cap,
 }
 
-/// What is known along θi, of interior and rehit.
-#[derive(Clone, Copy, Debug, Default)]
-struct Along {
-    /// Factor that restores the albedo.
-    correction: [f64; 2],
-    /// Share of what is sampled that falls into the cap around the normal.
-    cap: [f64; 2],
+/// Of one cell: interior and rehit, f·cos θo in 1/sr, then the densities u with which each is sampled.
+type Values = [f32; 4];
+
+/// Where the densities begin in [`Values`].
+const DENSITIES: usize = 2;
+
+/// A range of θi between two incidences of the table, or between the last one and the end.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    from: f64,
+    /// One over its length.
+    inverse: f64,
+    /// The incidences at its ends; the same one twice beyond the last.
+    node: usize,
+    next: usize,
+    /// w of the decay postulate at `from`, and what it gains to the end, radians.
+    width: f64,
+    widening: f64,
 }
+
+/// What is known along θi, of interior and rehit: the factor that restores the albedo, and the share of what is sampled that
+/// falls into the cap around the normal.
+type Along = [f32; 4];
+
+/// Where these shares begin in [`Along`].
+const CAP: usize = 2;
 
 /// Steps of [`Tabulated::guide`].
 const GUIDES: usize = 1024;
@@ -94,8 +111,8 @@ const SPAN_STEPS: usize = 64;
 /// Piecewise-linear densities of one component, every incidence.
 #[derive(Clone, Debug)]
 struct Sampling {
-    /// u at cell centres.
-    u: Vec<f64>,
+    /// Which component.
+    component: usize,
     /// Integral of u up to each cell centre of a row.
     cdf: Vec<f64>,
     /// Where to begin looking in `cdf` of a row ([`guide`]), and in `row_cdf` of an incidence.
@@ -105,8 +122,6 @@ struct Sampling {
     row_total: Vec<f64>,
     /// Integral of the rows' totals up to the centre of each φ row of an incidence.
     row_cdf: Vec<f64>,
-    /// Σ u of each incidence.
-    total: Vec<f64>,
 }
 
 /// Two incidences and how far (0..1) θi lies between them.
@@ -123,94 +138,83 @@ pub(crate) struct Incidence {
     between: Between,
     along: Along,
     columns: Warp,
-    azimuth: Azimuth,
+    /// Decay tables: sin θi / w². Walk tables: the width of the φ cells.
+    azimuth: f64,
 }
 
+/// Both tabulated components at a pair of directions.
 #[derive(Clone, Copy, Debug)]
-enum Azimuth {
-    /// Decay tables: sin θi / w².
-    Decay { concentration: f64 },
-    /// Walk tables: the φ axis.
-    Walk(Warp),
-}
-
-/// Where an exit direction lies in the table at one incidence.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Exit {
-    Decay { forward: Cell, retro: Cell, slopes: [f64; 2], concentration: f64, sin_o: f64, y2: f64 },
-    Walk { column: Cell, row: Cell, measure: f64, sin_o: f64 },
+pub(crate) struct Light {
+    /// f·cos θo in 1/sr, the albedo restored.
+    pub(crate) values: [f64; 2],
+    /// Densities per steradian with which [`Tabulated::sample`] finds the exit direction.
+    pub(crate) densities: [f64; 2],
 }
 
 impl Tabulated {
     pub(crate) fn new(lobe: &Interpolant) -> Self {
         let table = lobe.table();
         let axis = table.meta.exit_axis;
-        let theta = table.theta_i();
-        let width = table.meta.per_incidence.iter().map(|s| s.azimuth_width_deg.to_radians()).collect();
-        let values = table.interior.value.iter().zip(&table.rehit.value).map(|(a, b)| [*a, *b]).collect();
-        let sampling = COMPONENTS.map(|component| Sampling::new(table, component));
+        let cells = cells(table);
+        let sampling = [0, 1].map(|component| Sampling::new(table, &cells, component));
+        let spans = spans(table);
         let at_or_before = |step: usize| {
             let start = FRAC_PI_2 * (step as f64 - 1e-6) / GUIDES as f64;
-            u16::try_from(theta.partition_point(|theta| *theta <= start)).unwrap_or(u16::MAX)
+            let span = spans.partition_point(|span| span.from <= start).saturating_sub(1);
+            u16::try_from(span).unwrap_or(u16::MAX)
         };
         let guide = (0..=GUIDES).map(at_or_before).collect();
-        let mut spans = theta.clone();
-        if theta[0] > 0.0 {
-            spans.insert(0, 0.0);
-        }
-        if theta[theta.len() - 1] < FRAC_PI_2 {
-            spans.push(FRAC_PI_2);
-        }
+        let rows = axis.rows_per_incidence();
+        let total = |node: usize| {
+            sampling.each_ref().map(|s| s.row_total[node * rows..(node + 1) * rows].iter().sum::<f64>())
+        };
         let mut this = Self {
             axis,
             reciprocal: reciprocal::is_reciprocal(&table.meta),
             guide,
-            theta,
-            width,
+            spans,
             columns: axis.columns(),
-            rows: axis.rows_per_incidence(),
+            rows,
             cell_width: axis.width(),
             inverse_width: 1.0 / axis.width(),
-            values,
+            cells,
+            totals: (0..table.meta.per_incidence.len()).map(total).collect(),
             sampling,
-            spans: Vec::new(),
             along: Vec::new(),
             cap: Cap::new(axis.width().min(LARGEST_CAP)),
         };
         let at = |theta_i: f64| {
             let row = lobe.row(theta_i);
-            Along {
-                correction: COMPONENTS.map(|component| row.correction(component)),
-                cap: this.cap_shares(theta_i),
-            }
+            let [interior, rehit] = COMPONENTS.map(|component| row.correction(component));
+            let cap = this.cap_shares(theta_i);
+            [interior, rehit, cap[0], cap[1]].map(|known| known as f32)
         };
-        let step =
-            |ends: &[f64], step: usize| at(ends[0] + step as f64 / SPAN_STEPS as f64 * (ends[1] - ends[0]));
-        let along = spans.windows(2).map(|ends| std::array::from_fn(|k| step(ends, k))).collect();
-        this.along = along;
-        this.spans = spans;
+        let along = this.spans.iter().map(|span| {
+            std::array::from_fn(|k| at(span.from + k as f64 / (SPAN_STEPS as f64 * span.inverse)))
+        });
+        this.along = along.collect();
         this
     }
 
     /// Share of what is sampled at θi that falls into the cap around the normal.
     fn cap_shares(&self, theta_i: f64) -> [f64; 2] {
-        let between = self.between(theta_i);
+        let (_, between) = self.between(theta_i);
         let columns = Warp::new(&self.axis.columns_at(theta_i));
-        let position = |s: f64| columns.position_and_slope(s).0;
+        let position = |s: f64| columns.position(s).0;
         let from = if self.signed() { position(-self.cap.radius) } else { 0.0 };
         let to = position(self.cap.radius);
         [0, 1].map(|component| {
             let sampling = &self.sampling[component];
             let inside = |node: usize| -> f64 {
                 let rows = (0..self.rows).map(|row| {
-                    let cells = self.cells(node, row);
-                    let up_to =
-                        |x: f64| cumulated(&sampling.u[cells.clone()], &sampling.cdf[cells.clone()], x);
+                    let range = self.range(node, row);
+                    let density = |k: usize| f64::from(self.cells[range.start + k][DENSITIES + component]);
+                    let up_to = |x: f64| cumulated(density, &sampling.cdf[range.clone()], x);
                     up_to(to) - up_to(from)
                 });
                 rows.sum()
             };
-            let total = sampling.mixed_total(between);
+            let total = self.mixed_totals(between)[component];
             let mixed =
                 (1.0 - between.fraction) * inside(between.node) + between.fraction * inside(between.next);
             if total > 0.0 { (mixed / total).clamp(0.0, 1.0) } else { 0.0 }
@@ -223,47 +227,43 @@ impl Tabulated {
     }
 
     /// The cells of a row.
-    const fn cells(&self, node: usize, row: usize) -> std::ops::Range<usize> {
+    const fn range(&self, node: usize, row: usize) -> std::ops::Range<usize> {
         let start = (node * self.rows + row) * self.columns;
         start..start + self.columns
     }
 
     /// The table at an incidence.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn incidence(&self, at: &Polar) -> Incidence {
         let theta_i = at.theta;
-        let between = self.between(theta_i);
+        let (span, between) = self.between(theta_i);
         let (width, cells) = (self.cell_width, self.columns);
         // `ExitAxis::columns_at`, in few operations.
-        let withdrawal = |room: f64| (room * room + width * width).sqrt() - room;
-        let below_horizon = withdrawal(FRAC_PI_2 - theta_i);
         let lo = if self.signed() { -FRAC_PI_2 } else { 0.0 };
-        let moved = withdrawal(theta_i - lo) - below_horizon;
+        let withdrawal = |room: f64| (room * room + width * width).sqrt() - room;
+        let moved = withdrawal(theta_i - lo) - withdrawal(FRAC_PI_2 - theta_i);
         let columns = Warp::two_sided(lo, theta_i + moved, FRAC_PI_2, width, self.inverse_width, cells);
         let azimuth = if self.signed() {
-            let (a, b) = (self.width[between.node], self.width[between.next]);
-            let width = a + between.fraction * (b - a);
-            Azimuth::Decay { concentration: at.sin / (width * width) }
+            let width = self.spans[span].width + between.fraction * self.spans[span].widening;
+            at.sin / (width * width)
         } else {
-            let cot = angles::cotangent(at.sin, at.cos, moved);
-            let width = width * cot;
-            Azimuth::Walk(Warp::one_sided(0.0, PI, width, 1.0 / width, self.rows))
+            width * angles::cotangent(at.sin, at.cos, moved)
         };
-        Incidence { between, along: self.along(theta_i, between), columns, azimuth }
+        Incidence { between, along: self.along(span, between.fraction), columns, azimuth }
     }
 
-    #[inline]
-    fn along(&self, theta_i: f64, between: Between) -> Along {
-        // The first span ends at the first incidence unless that is 0.
-        let before = usize::from(self.theta[0] > 0.0 && theta_i >= self.theta[0]);
-        let span = (between.node + before).min(self.along.len() - 1);
-        let (from, to) = (self.spans[span], self.spans[span + 1]);
-        let step = ((theta_i - from) / (to - from)).clamp(0.0, 1.0) * SPAN_STEPS as f64;
-        let index = (step as usize).min(SPAN_STEPS - 1);
-        let (a, b) = (&self.along[span][index], &self.along[span][index + 1]);
-        let t = step - index as f64;
-        let mix = |a: [f64; 2], b: [f64; 2]| [0, 1].map(|c| a[c] + t * (b[c] - a[c]));
-        Along { correction: mix(a.correction, b.correction), cap: mix(a.cap, b.cap) }
+    /// The φ axis of walk tables.
+    #[inline(always)]
+    fn around(&self, at: &Incidence) -> Warp {
+        Warp::one_sided(0.0, PI, at.azimuth, 1.0 / at.azimuth, self.rows)
+    }
+
+    #[inline(always)]
+    fn along(&self, span: usize, fraction: f64) -> Along {
+        let (index, t) = step_of(fraction * SPAN_STEPS as f64, (SPAN_STEPS - 1) as f64);
+        let steps = &self.along[span];
+        let index = index % SPAN_STEPS;
+        angles::between(&steps[index], &steps[index + 1], t as f32)
     }
 
     /// The exit cells.
@@ -273,59 +273,21 @@ impl Tabulated {
 
     /// A width in φ, radians, that resolves the decay around the mirror direction.
     pub(crate) fn decay_width(&self, at: &Incidence, sin_o: f64) -> f64 {
-        match &at.azimuth {
-            Azimuth::Decay { concentration } => (0.5 / (concentration * sin_o).sqrt()).clamp(1e-7, 1.0),
-            Azimuth::Walk(_) => 1.0,
-        }
+        if self.signed() { (0.5 / (at.azimuth * sin_o).sqrt()).clamp(1e-7, 1.0) } else { 1.0 }
     }
 
-    #[inline]
-    fn between(&self, theta_i: f64) -> Between {
-        let last = self.theta.len() - 1;
-        // `partition_point`, from where the guide says.
-        let step = (theta_i * (GUIDES as f64 / FRAC_PI_2)) as usize;
-        let mut above = usize::from(self.guide[step.min(GUIDES)]);
-        while above <= last && self.theta[above] <= theta_i {
-            above += 1;
+    /// The span of θi, and how far along it.
+    #[inline(always)]
+    fn between(&self, theta_i: f64) -> (usize, Between) {
+        let (step, _) = step_of(theta_i * (GUIDES as f64 / FRAC_PI_2), GUIDES as f64);
+        // A step may have been rounded up to: the guide of the one before.
+        let mut index = usize::from(self.guide[step.saturating_sub(1)]);
+        while self.spans.get(index + 1).is_some_and(|next| next.from <= theta_i) {
+            index += 1;
         }
-        if above == 0 {
-            return Between { node: 0, next: 0, fraction: 0.0 };
-        }
-        if above > last {
-            return Between { node: last, next: last, fraction: 0.0 };
-        }
-        let (lo, hi) = (self.theta[above - 1], self.theta[above]);
-        Between { node: above - 1, next: above, fraction: (theta_i - lo) / (hi - lo) }
-    }
-
-    /// Where an exit direction lies; y2 = sin²(φ/2).
-    #[inline]
-    pub(crate) fn exit(&self, at: &Incidence, theta_o: f64, sin_o: f64, y2: f64) -> Exit {
-        match &at.azimuth {
-            Azimuth::Decay { concentration } => {
-                let (forward, slope) = at.columns.position_and_slope(theta_o);
-                let (retro, retro_slope) = at.columns.position_and_slope(-theta_o);
-                Exit::Decay {
-                    forward: Cell::new(forward, self.columns),
-                    retro: Cell::new(retro, self.columns),
-                    slopes: [slope, retro_slope],
-                    concentration: concentration * sin_o,
-                    sin_o,
-                    y2,
-                }
-            }
-            Azimuth::Walk(phi) => {
-                let (column, slope) = at.columns.position_and_slope(theta_o);
-                let (row, phi_slope) =
-                    phi.position_and_slope(2.0 * angle(y2.sqrt(), (1.0 - y2).max(0.0).sqrt()));
-                Exit::Walk {
-                    column: Cell::new(column, self.columns),
-                    row: Cell::new(row, self.rows),
-                    measure: slope * phi_slope * sin_o,
-                    sin_o,
-                }
-            }
-        }
+        let span = &self.spans[index];
+        let fraction = least((theta_i - span.from) * span.inverse, 1.0);
+        (index, Between { node: span.node, next: span.next, fraction })
     }
 
     /// Whether the table is a reciprocal one.
@@ -333,86 +295,96 @@ impl Tabulated {
         self.reciprocal
     }
 
-    /// f·cos θo in 1/sr of both components of a pair of directions, in reciprocal tables read at the larger one.
-    #[inline]
-    pub(crate) fn eval_pair(&self, at: &Incidence, exit: &Exit, i: &Polar, o: &Polar, y2: f64) -> [f64; 2] {
-        if !self.reciprocal || o.theta <= i.theta {
-            return self.eval(at, exit);
+    /// What a pair of directions has, y2 = sin²(φ/2); in reciprocal tables values are read at the larger angle.
+    #[inline(always)]
+    pub(crate) fn light(&self, at: &Incidence, i: &Polar, o: &Polar, y2: f64) -> Light {
+        let mut light = if self.signed() {
+            self.light_of_plane(at, o.theta, o.sin, y2)
+        } else {
+            self.light_of_space(at, o.theta, o.sin, y2)
+        };
+        if self.reciprocal && o.theta > i.theta {
+            light.values = self.values_back(i, o, y2);
         }
+        light
+    }
+
+    /// Values of the way back, taken over to the way there.
+    #[inline(never)]
+    fn values_back(&self, i: &Polar, o: &Polar, y2: f64) -> [f64; 2] {
         let larger = self.incidence(o);
-        let back = self.exit(&larger, i.theta, i.sin, y2);
+        let back = if self.signed() {
+            self.light_of_plane(&larger, i.theta, i.sin, y2)
+        } else {
+            self.light_of_space(&larger, i.theta, i.sin, y2)
+        };
         let taken_over = o.cos / i.cos;
-        self.eval(&larger, &back).map(|f| f * taken_over)
+        back.values.map(|f| f * taken_over)
     }
 
-    /// f·cos θo in 1/sr of both components, the albedo restored.
-    #[inline]
-    pub(crate) fn eval(&self, at: &Incidence, exit: &Exit) -> [f64; 2] {
-        let values = match exit {
-            Exit::Decay { forward, retro, concentration, y2, .. } => {
-                let d = azimuth::decay(*concentration, *y2);
-                let (ahead, back) = (self.read(at.between, 0, *forward), self.read(at.between, 0, *retro));
-                [0, 1].map(|c| ahead[c] * d + back[c] * (1.0 - d))
-            }
-            Exit::Walk { column, row, .. } => {
-                let near = self.read(at.between, row.index, *column);
-                let far = self.read(at.between, row.index + 1, *column);
-                [0, 1].map(|c| near[c] + row.fraction * (far[c] - near[c]))
-            }
-        };
-        [0, 1].map(|c| at.along.correction[c] * values[c])
+    /// Of decay tables.
+    #[inline(always)]
+    fn light_of_plane(&self, at: &Incidence, theta_o: f64, sin_o: f64, y2: f64) -> Light {
+        let [(forward, per_ahead), (retro, per_back)] = at.columns.positions([theta_o, -theta_o]);
+        let forward = self.read(at.between, 0, Cell::new(forward, self.columns));
+        let retro = self.read(at.between, 0, Cell::new(retro, self.columns));
+        let concentration = at.azimuth * sin_o;
+        let values = angles::between(&retro, &forward, azimuth::decay(concentration, y2) as f32);
+        let ahead = Forward::new(concentration).pdf(y2) * per_ahead;
+        let back = INVERSE_TAU * per_back;
+        let density = |c: usize| f64::from(forward[c]) * ahead + f64::from(retro[c]) * back;
+        let densities = [density(DENSITIES), density(DENSITIES + 1)];
+        Light { values: restored(at, &values), densities: self.per_steradian(at, densities, 1.0, sin_o) }
     }
 
-    #[inline]
-    fn read(&self, between: Between, row: usize, cell: Cell) -> [f64; 2] {
-        let at = |node: usize| {
-            let k = (node * self.rows + row) * self.columns + cell.index;
-            let (a, b) = (self.values[k], self.values[k + 1]);
-            [0, 1].map(|c| {
-                let (a, b) = (f64::from(a[c]), f64::from(b[c]));
-                a + cell.fraction * (b - a)
-            })
-        };
-        let (a, b) = (at(between.node), at(between.next));
+    /// Of walk tables.
+    #[inline(always)]
+    fn light_of_space(&self, at: &Incidence, theta_o: f64, sin_o: f64, y2: f64) -> Light {
+        let (column, per_theta) = at.columns.position(theta_o);
+        let phi = 2.0 * angle(y2.sqrt(), greatest(1.0 - y2, 0.0).sqrt());
+        let (row, per_phi) = self.around(at).position(phi);
+        let (column, row) = (Cell::new(column, self.columns), Cell::new(row, self.rows));
+        let near = self.read(at.between, row.index, column);
+        let far = self.read(at.between, row.index + 1, column);
+        let read = angles::between(&near, &far, row.fraction as f32);
+        let densities = [f64::from(read[DENSITIES]), f64::from(read[DENSITIES + 1])];
+        // Half of it on either side of the plane of incidence.
+        let densities = self.per_steradian(at, densities, 0.5 * per_theta * per_phi, sin_o);
+        Light { values: restored(at, &read), densities }
+    }
+
+    /// Sampling densities in solid angle from those in cell positions.
+    #[inline(always)]
+    fn per_steradian(&self, at: &Incidence, densities: [f64; 2], per_area: f64, sin_o: f64) -> [f64; 2] {
+        if sin_o < self.cap.sin {
+            return [0, 1].map(|c| f64::from(at.along[CAP + c]) * self.cap.density);
+        }
+        let totals = self.mixed_totals(at.between);
+        let scale = per_area / sin_o;
+        let share = |c: usize| if totals[c] > 0.0 { densities[c] * scale / totals[c] } else { 0.0 };
+        [share(0), share(1)]
+    }
+
+    /// The [`Values`] at a row.
+    #[inline(always)]
+    fn read(&self, between: Between, row: usize, cell: Cell) -> Values {
+        let along = cell.fraction as f32;
+        let near = self.read_node(between.node, row, cell.index, along);
+        let far = self.read_node(between.next, row, cell.index, along);
+        angles::between(&near, &far, between.fraction as f32)
+    }
+
+    #[inline(always)]
+    fn read_node(&self, node: usize, row: usize, column: usize, along: f32) -> Values {
+        let k = (node * self.rows + row) * self.columns + column;
+        let [a, b] = &self.cells[k..k + 2] else { return [0.0; 4] };
+        angles::between(a, b, along)
+    }
+
+    #[inline(always)]
+    fn mixed_totals(&self, between: Between) -> [f64; 2] {
+        let (a, b) = (self.totals[between.node], self.totals[between.next]);
         [0, 1].map(|c| a[c] + between.fraction * (b[c] - a[c]))
-    }
-
-    /// Density per steradian with which [`Self::sample`] finds an exit direction, of one component.
-    #[inline]
-    pub(crate) fn pdf(&self, component: usize, at: &Incidence, exit: &Exit) -> f64 {
-        let sampling = &self.sampling[component];
-        let total = sampling.mixed_total(at.between);
-        if total <= 0.0 {
-            return 0.0;
-        }
-        let (Exit::Decay { sin_o, .. } | Exit::Walk { sin_o, .. }) = exit;
-        if *sin_o < self.cap.sin {
-            return at.along.cap[component] * self.cap.density;
-        }
-        match exit {
-            Exit::Decay { forward, retro, slopes, concentration, sin_o, y2 } => {
-                let ahead = self.density(sampling, at.between, 0, *forward) / slopes[0];
-                let back = self.density(sampling, at.between, 0, *retro) / slopes[1];
-                let around = Forward::new(*concentration).pdf(*y2);
-                (ahead * around + back / TAU) / (total * sin_o)
-            }
-            Exit::Walk { column, row, measure, .. } => {
-                let near = self.density(sampling, at.between, row.index, *column);
-                let far = self.density(sampling, at.between, row.index + 1, *column);
-                // Half of it on either side of the plane of incidence.
-                0.5 * (near + row.fraction * (far - near)) / (total * measure)
-            }
-        }
-    }
-
-    #[inline]
-    fn density(&self, sampling: &Sampling, between: Between, row: usize, cell: Cell) -> f64 {
-        let at = |node: usize| {
-            let k = (node * self.rows + row) * self.columns + cell.index;
-            sampling.u[k] + cell.fraction * (sampling.u[k + 1] - sampling.u[k])
-        };
-        let (a, b) = (at(between.node), at(between.next));
-        a + between.fraction * (b - a)
     }
 
     /// An exit direction (θo, and cos φ, sin φ) of one component from three uniform numbers.
@@ -430,50 +402,60 @@ impl Tabulated {
         };
         let sampling = &self.sampling[component];
         let Between { node, next, fraction } = at.between;
-        let (near, far) = ((1.0 - fraction) * sampling.total[node], fraction * sampling.total[next]);
+        let (near, far) =
+            ((1.0 - fraction) * self.totals[node][component], fraction * self.totals[next][component]);
         if near + far <= 0.0 {
             return None;
         }
         let (node, select) = split(select, near / (near + far), node, next);
-        match &at.azimuth {
-            Azimuth::Decay { concentration } => {
+        match self.signed() {
+            true => {
                 let position = self.invert_row(sampling, node, 0, u);
                 let s = at.columns.at(position).clamp(-FRAC_PI_2, FRAC_PI_2);
                 if s.abs() < self.cap.radius {
                     // Neither the number that chose the row nor v has said anything yet.
                     return Some((self.cap.theta(select), around(v)));
                 }
-                let phi = if s >= 0.0 { Forward::new(concentration * s.sin()).sample(v) } else { around(v) };
+                let phi = if s >= 0.0 { Forward::new(at.azimuth * s.sin()).sample(v) } else { around(v) };
                 Some((s.abs(), phi))
             }
-            Azimuth::Walk(phi) => {
+            false => {
                 let (sign, v) = if v < 0.5 { (1.0, 2.0 * v) } else { (-1.0, 2.0 * v - 1.0) };
                 let rows = node * self.rows..(node + 1) * self.rows;
                 let totals = &sampling.row_total[rows.clone()];
                 let guide = &sampling.row_guide[rows.clone()];
-                let position = invert(totals, &sampling.row_cdf[rows], guide, v);
+                let position = invert(|k| totals[k], &sampling.row_cdf[rows], guide, v);
                 let row = Cell::new(position, self.rows);
                 let (near, far) =
                     ((1.0 - row.fraction) * totals[row.index], row.fraction * totals[row.index + 1]);
                 let (row, select) = split(select, near / (near + far), row.index, row.index + 1);
                 let theta_o = at.columns.at(self.invert_row(sampling, node, row, u)).clamp(0.0, FRAC_PI_2);
                 if theta_o < self.cap.radius {
-                    let cells = self.cells(node, row);
-                    let (density, cdf) = (&sampling.u[cells.clone()], &sampling.cdf[cells]);
-                    let edge = at.columns.position_and_slope(self.cap.radius).0;
+                    let range = self.range(node, row);
+                    let density = |k: usize| f64::from(self.cells[range.start + k][DENSITIES + component]);
+                    let cdf = &sampling.cdf[range.clone()];
+                    let edge = at.columns.position(self.cap.radius).0;
                     let within = cumulated(density, cdf, edge) / total(density, cdf);
                     return Some((self.cap.theta((u / within).min(1.0)), around(select)));
                 }
-                let (sin, cos) = phi.at(position).min(PI).sin_cos();
+                let (sin, cos) = self.around(at).at(position).min(PI).sin_cos();
                 Some((theta_o, (cos, sign * sin)))
             }
         }
     }
 
     fn invert_row(&self, sampling: &Sampling, node: usize, row: usize, u: f64) -> f64 {
-        let cells = self.cells(node, row);
-        invert(&sampling.u[cells.clone()], &sampling.cdf[cells.clone()], &sampling.guide[cells], u)
+        let range = self.range(node, row);
+        let cells = &self.cells[range.clone()];
+        let density = |k: usize| f64::from(cells[k][DENSITIES + sampling.component]);
+        invert(density, &sampling.cdf[range.clone()], &sampling.guide[range], u)
     }
+}
+
+/// Both components as read, times what restores their albedo.
+#[inline(always)]
+fn restored(at: &Incidence, values: &Values) -> [f64; 2] {
+    [f64::from(at.along[0] * values[0]), f64::from(at.along[1] * values[1])]
 }
 
 /// Chooses between two with the probability of the first, and what is left of the random number.
@@ -487,9 +469,9 @@ fn split(u: f64, first: f64, a: usize, b: usize) -> (usize, f64) {
 /// The density is u\[k\] at position k + ½, linear between, constant in the outer half cells; `cdf\[k\]` is its
 /// integral up to position k + ½; `guide` says where to begin looking in it ([`guide`]).
 #[inline]
-fn invert(density: &[f64], cdf: &[f64], guide: &[u16], share: f64) -> f64 {
-    let last = density.len() - 1;
-    let target = share * total(density, cdf);
+fn invert(density: impl Fn(usize) -> f64, cdf: &[f64], guide: &[u16], share: f64) -> f64 {
+    let last = cdf.len() - 1;
+    let target = share * total(&density, cdf);
     // `partition_point`, from where the guide says.
     let step = (share * guide.len() as f64) as usize;
     let mut above = usize::from(guide[step.min(last)]);
@@ -500,11 +482,11 @@ fn invert(density: &[f64], cdf: &[f64], guide: &[u16], share: f64) -> f64 {
         return 0.5 * target / cdf[0];
     }
     if above > last {
-        let rest = if density[last] > 0.0 { (target - cdf[last]) / density[last] } else { 0.0 };
+        let rest = if density(last) > 0.0 { (target - cdf[last]) / density(last) } else { 0.0 };
         return last as f64 + 0.5 + rest.clamp(0.0, 0.5);
     }
     let k = above - 1;
-    let (a, b, rest) = (density[k], density[k + 1], target - cdf[k]);
+    let (a, b, rest) = (density(k), density(k + 1), target - cdf[k]);
     // a·t + (b − a)·t²/2 = rest, in the form that does not cancel.
     let root = (a * a + 2.0 * (b - a) * rest).max(0.0).sqrt();
     let t = if a + root > 0.0 { (2.0 * rest / (a + root)).min(1.0) } else { 0.0 };
@@ -513,21 +495,21 @@ fn invert(density: &[f64], cdf: &[f64], guide: &[u16], share: f64) -> f64 {
 
 /// Integral of such a density over all positions.
 #[inline]
-fn total(density: &[f64], cdf: &[f64]) -> f64 {
-    cdf[cdf.len() - 1] + 0.5 * density[density.len() - 1]
+fn total(density: impl Fn(usize) -> f64, cdf: &[f64]) -> f64 {
+    cdf[cdf.len() - 1] + 0.5 * density(cdf.len() - 1)
 }
 
 /// Integral of such a density up to a position.
-fn cumulated(density: &[f64], cdf: &[f64], position: f64) -> f64 {
-    let last = density.len() - 1;
+fn cumulated(density: impl Fn(usize) -> f64, cdf: &[f64], position: f64) -> f64 {
+    let last = cdf.len() - 1;
     let from_first = position - 0.5;
     if from_first <= 0.0 {
-        return position.max(0.0) * density[0];
+        return position.max(0.0) * density(0);
     }
     let k = (from_first as usize).min(last);
     let t = from_first - k as f64;
-    let next = density[(k + 1).min(last)];
-    cdf[k] + t * (density[k] + 0.5 * t * (next - density[k]))
+    let next = density((k + 1).min(last));
+    cdf[k] + t * (density(k) + 0.5 * t * (next - density(k)))
 }
 
 /// Integral up to each centre.
@@ -542,7 +524,7 @@ fn cumulate(density: &[f64], cdf: &mut Vec<f64>) {
 
 /// Where to begin looking for a share of a row's total: centres surely below each of as many equal steps as there are cells.
 fn guide(density: &[f64], cdf: &[f64], guide: &mut Vec<u16>) {
-    let (total, cells) = (total(density, cdf), cdf.len());
+    let (total, cells) = (total(|k| density[k], cdf), cdf.len());
     let mut above = 0;
     for step in 0..cells {
         // Short of the step by more than rounding.
@@ -554,46 +536,73 @@ fn guide(density: &[f64], cdf: &[f64], guide: &mut Vec<u16>) {
     }
 }
 
+/// Values and sampling densities of every cell.
+fn cells(table: &Table) -> Vec<Values> {
+    let axis = &table.meta.exit_axis;
+    let mut cells = Vec::with_capacity(table.interior.value.len());
+    for (i, summary) in table.meta.per_incidence.iter().enumerate() {
+        let theta_i = summary.theta_i_deg.to_radians();
+        let measure = measures(axis, theta_i, summary.azimuth_width_deg.to_radians());
+        let of_incidence = i * axis.cells()..(i + 1) * axis.cells();
+        cells.extend(of_incidence.zip(measure).map(|(k, measure)| {
+            let (interior, rehit) = (table.interior.value[k], table.rehit.value[k]);
+            let density = |value: f32| (f64::from(value) * measure) as f32;
+            [interior, rehit, density(interior), density(rehit)]
+        }));
+    }
+    cells
+}
+
+/// The spans of a table.
+fn spans(table: &Table) -> Vec<Span> {
+    let theta = table.theta_i();
+    let width = |node: usize| table.meta.per_incidence[node].azimuth_width_deg.to_radians();
+    let span = |from: f64, to: f64, node: usize, next: usize| Span {
+        from,
+        inverse: 1.0 / (to - from),
+        node,
+        next,
+        width: width(node),
+        widening: width(next) - width(node),
+    };
+    let last = theta.len() - 1;
+    let mut spans = Vec::with_capacity(theta.len() + 1);
+    if theta[0] > 0.0 {
+        spans.push(span(0.0, theta[0], 0, 0));
+    }
+    spans.extend((0..last).map(|k| span(theta[k], theta[k + 1], k, k + 1)));
+    if theta[last] < FRAC_PI_2 {
+        spans.push(span(theta[last], FRAC_PI_2, last, last));
+    }
+    spans
+}
+
 impl Sampling {
-    fn new(table: &Table, component: Component) -> Self {
+    fn new(table: &Table, cells: &[Values], component: usize) -> Self {
         let axis = &table.meta.exit_axis;
-        let (columns, rows) = (axis.columns(), axis.rows_per_incidence());
-        let samples = &table.lobe(component).value;
         let mut this = Self {
-            u: Vec::with_capacity(samples.len()),
-            cdf: Vec::with_capacity(samples.len()),
-            guide: Vec::with_capacity(samples.len()),
+            component,
+            cdf: Vec::with_capacity(cells.len()),
+            guide: Vec::with_capacity(cells.len()),
             row_guide: Vec::new(),
             row_total: Vec::new(),
             row_cdf: Vec::new(),
-            total: Vec::new(),
         };
-        for (i, summary) in table.meta.per_incidence.iter().enumerate() {
-            let theta_i = summary.theta_i_deg.to_radians();
-            let measure = measures(axis, theta_i, summary.azimuth_width_deg.to_radians());
-            let values = &samples[i * axis.cells()..(i + 1) * axis.cells()];
+        for of_incidence in cells.chunks(axis.cells()) {
             let first_row = this.row_total.len();
-            for row in 0..rows {
-                let start = this.u.len();
-                let cells = row * columns..(row + 1) * columns;
-                this.u.extend(cells.map(|k| f64::from(values[k]) * measure[k]));
-                let u = &this.u[start..];
-                this.row_total.push(u.iter().sum());
-                cumulate(u, &mut this.cdf);
-                guide(u, &this.cdf[start..], &mut this.guide);
+            for row in of_incidence.chunks(axis.columns()) {
+                let density: Vec<f64> =
+                    row.iter().map(|values| f64::from(values[DENSITIES + component])).collect();
+                let start = this.cdf.len();
+                this.row_total.push(density.iter().sum());
+                cumulate(&density, &mut this.cdf);
+                guide(&density, &this.cdf[start..], &mut this.guide);
             }
             let totals = &this.row_total[first_row..];
-            this.total.push(totals.iter().sum());
             cumulate(totals, &mut this.row_cdf);
             guide(totals, &this.row_cdf[first_row..], &mut this.row_guide);
         }
         this
-    }
-
-    #[inline]
-    fn mixed_total(&self, between: Between) -> f64 {
-        let (a, b) = (self.total[between.node], self.total[between.next]);
-        a + between.fraction * (b - a)
     }
 }
 

@@ -1,6 +1,6 @@
 //! [`Stretched`] axes prepared for one incidence, for evaluation in few operations.
 
-use crate::angles::{asinh, ln};
+use crate::angles::{asinh, exp, greatest, least, ln, step_of};
 use lut_io::axis::Stretched;
 
 /// The axis x = c ± w·sinh(·) with its constants worked out.
@@ -17,7 +17,7 @@ pub(crate) struct Warp {
 }
 
 impl Warp {
-    #[inline]
+    #[inline(always)]
     pub(crate) fn new(axis: &Stretched) -> Self {
         let Stretched { lo, centre, hi, width, cells } = *axis;
         if centre <= lo {
@@ -27,7 +27,7 @@ impl Warp {
     }
 
     /// Around a centre above the lower end.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn two_sided(
         lo: f64,
         centre: f64,
@@ -37,26 +37,43 @@ impl Warp {
         cells: usize,
     ) -> Self {
         let half = 0.5 * cells as f64;
-        let gain_hi = half / asinh((hi - centre) * inverse_width);
-        let gain_lo = half / asinh((centre - lo) * inverse_width);
-        Self { centre, width, inverse_width, middle: half, gain_lo, gain_hi }
+        let [above, below] = asinh([(hi - centre) * inverse_width, (centre - lo) * inverse_width]);
+        Self { centre, width, inverse_width, middle: half, gain_lo: half / below, gain_hi: half / above }
     }
 
     /// Finest at the lower end.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn one_sided(lo: f64, hi: f64, width: f64, inverse_width: f64, cells: usize) -> Self {
-        let gain_hi = cells as f64 / asinh((hi - lo) * inverse_width);
+        let gain_hi = cells as f64 / asinh([(hi - lo) * inverse_width])[0];
         Self { centre: lo, width, inverse_width, middle: 0.0, gain_lo: 0.0, gain_hi }
     }
 
-    /// Position of x in cells, and dx/dposition there.
-    #[inline]
-    pub(crate) fn position_and_slope(&self, x: f64) -> (f64, f64) {
-        let offset = (x - self.centre) * self.inverse_width;
-        let size = offset.abs();
-        let root = (1.0 + size * size).sqrt();
-        let gain = if offset >= 0.0 { self.gain_hi } else { self.gain_lo };
-        (self.middle + (gain * ln(size + root)).copysign(offset), self.width * root / gain)
+    /// Positions of coordinates in cells, and dposition/dx there.
+    #[inline(always)]
+    pub(crate) fn positions<const N: usize>(&self, x: [f64; N]) -> [(f64, f64); N] {
+        let (mut offset, mut root, mut arc) = ([0.0; N], [0.0; N], [0.0; N]);
+        for (offset, x) in offset.iter_mut().zip(x) {
+            *offset = (x - self.centre) * self.inverse_width;
+        }
+        for (root, offset) in root.iter_mut().zip(&offset) {
+            *root = (1.0 + offset * offset).sqrt();
+        }
+        for ((arc, offset), root) in arc.iter_mut().zip(&offset).zip(&root) {
+            *arc = ln(offset.abs() + root);
+        }
+        let mut found = [(0.0, 0.0); N];
+        for (k, found) in found.iter_mut().enumerate() {
+            let gain = if offset[k] >= 0.0 { self.gain_hi } else { self.gain_lo };
+            *found = (self.middle + (gain * arc[k]).copysign(offset[k]), gain * self.inverse_width / root[k]);
+        }
+        found
+    }
+
+    /// Position of one coordinate, and dposition/dx there.
+    #[inline(always)]
+    pub(crate) fn position(&self, x: f64) -> (f64, f64) {
+        let [one] = self.positions([x]);
+        one
     }
 
     /// The coordinate at a position.
@@ -65,8 +82,8 @@ impl Warp {
         let d = position - self.middle;
         let gain = if d >= 0.0 { self.gain_hi } else { self.gain_lo };
         // sinh to an absolute error of rounding.
-        let e = (d / gain).exp();
-        self.centre + self.width * (0.5 * (e - 1.0 / e))
+        let e = exp(-(d / gain).abs());
+        self.centre + (self.width * 0.5 * (1.0 / e - e)).copysign(d)
     }
 }
 
@@ -78,12 +95,12 @@ pub(crate) struct Cell {
 }
 
 impl Cell {
-    #[inline]
+    #[inline(always)]
     pub(crate) fn new(position: f64, cells: usize) -> Self {
-        // `max` first: it turns a NaN into 0.
-        let from_first = (position - 0.5).max(0.0).min((cells - 1) as f64);
-        let index = (from_first as usize).min(cells - 2);
-        Self { index, fraction: from_first - index as f64 }
+        // `greatest` first: it turns a NaN into 0.
+        let from_first = least(greatest(position - 0.5, 0.0), (cells - 1) as f64);
+        let (index, fraction) = step_of(from_first, (cells - 2) as f64);
+        Self { index, fraction }
     }
 }
 
@@ -104,9 +121,9 @@ mod tests {
                     let warp = Warp::new(&axis);
                     for i in 0..=40 {
                         let x = axis.lo + (axis.hi - axis.lo) * f64::from(i) / 40.0;
-                        let (position, slope) = warp.position_and_slope(x);
+                        let (position, density) = warp.position(x);
                         assert!((position - axis.position(x)).abs() < 1e-9, "{axis:?} {x}");
-                        assert!((slope / axis.slope(position) - 1.0).abs() < 1e-6, "{axis:?} {x}");
+                        assert!((density * axis.slope(position) - 1.0).abs() < 1e-6, "{axis:?} {x}");
                         assert!((warp.at(position) - x).abs() < 1e-8, "{axis:?} {x}");
                     }
                 }
