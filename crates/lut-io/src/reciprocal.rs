@@ -107,8 +107,7 @@ pub fn symmetrised(table: &Table) -> Result<Table, Flaw> {
         }
     }
     if !table.bands.is_empty() {
-        let problem = "a table of several bands is not made reciprocal; bake without the effect dispersion";
-        return Err(Flaw::new(dispersion::KEY, problem));
+        return Err(several_bands());
     }
     let before = Interpolant::new(table.clone());
     let even = with_one_width(table);
@@ -146,6 +145,13 @@ pub fn symmetrised(table: &Table) -> Result<Table, Flaw> {
     store(&mut symmetric.meta, &section)?;
     symmetric.validate()?;
     Ok(symmetric)
+}
+
+/// Why a table of several bands is refused; also for those who know before the bake.
+#[must_use]
+pub fn several_bands() -> Flaw {
+    let problem = "a table of several bands is not made reciprocal; bake without the effect dispersion";
+    Flaw::new(dispersion::KEY, problem)
 }
 
 fn store(meta: &mut Meta, section: &Section) -> Result<(), Flaw> {

@@ -484,6 +484,14 @@ fn coloured(request: &Request, mut table: Table, colours: &Colours) -> Result<Ta
     Ok(table)
 }
 
+/// Whether the bake of these bands can be made reciprocal ([`reciprocal`]).
+///
+/// # Errors
+/// More bands than the recipe's own.
+pub fn can_be_reciprocal(bands: &Bands) -> Result<(), BakeError> {
+    if bands.further_nm.is_empty() { Ok(()) } else { Err(invalid(lut_io::reciprocal::several_bands())) }
+}
+
 /// The reciprocal table nearest to a baked one, named as another bake than that.
 ///
 /// # Errors

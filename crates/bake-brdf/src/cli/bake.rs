@@ -84,6 +84,11 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     let request = request(args, &terms)?;
     request.check().map_err(stop)?;
     let pool = manners.pool()?;
+    if args.reciprocal {
+        // Before anything is solved.
+        let bands = pool.install(|| request.bands()).map_err(stop)?;
+        bake::can_be_reciprocal(&bands).map_err(stop)?;
+    }
     if args.dry_run {
         return pool.install(|| dry_run(&request, choose(&terms, &request, manners)?, manners));
     }
