@@ -20,7 +20,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 BEGIN, END = "<!-- effects_cost: begin -->", "<!-- effects_cost: end -->"
 LOBE = "surface,blur,azimuth"
 PAPER = {"recipe": None}
-# At 5 % one band is enough.
+# The lobe differs between wavelengths through its absorption; one band is enough for 5 %.
 BANDS = {"--solver": "doubling", "--accuracy": "1"}
 # (what is added, effects with it, effects without it, terms with it, terms of both)
 ROWS = [
@@ -31,7 +31,7 @@ ROWS = [
     ("polarisation", f"{LOBE},polarisation,body", f"{LOBE},body", {}, {}),
     ("absorption", f"{LOBE},absorption,body", f"{LOBE},body", {}, {}),
     ("choosing the bands of dispersion", f"{LOBE},dispersion,body", f"{LOBE},body", {}, {}),
-    ("dispersion, doubling to 1 %", f"{LOBE},dispersion,body", f"{LOBE},body", {}, BANDS),
+    ("dispersion, with absorption, doubling to 1 %", f"{LOBE},absorption,dispersion,body", f"{LOBE},absorption,body", {}, BANDS),
     ("coherent_sheets, the paper's pearl", f"{LOBE},coherent_sheets,body", f"{LOBE},body", {}, PAPER),
     ("coherent", f"{LOBE},coherent,body", f"{LOBE},body", {}, {}),
     ("illuminant", f"{LOBE},illuminant,body", f"{LOBE},body", {}, {}),
