@@ -206,6 +206,8 @@ def cases():
     yield from case("gamma", "wavelength 1e-3 nm in nacre", nacre, run(50), nm=1e-3, theta_rad=0.6)
     yield from case("wide_irregular", "10 % irregular nacre at 85 deg", nacre, [(1, wide)], theta_rad=right * 85 / 90)
     yield from case("wide_irregular_absorbing", "the same with absorption", absorbing, [(1, wide)], theta_rad=right * 60 / 90)
+    yield from case("thin_enz_60", "60 sheets of 0.02 nm of n = 0.06 without loss", [[0.0637547457989861, 0.0]], [(60, [[0, 0.020159466082092452]])], n_sub=complex(1.5, 1e-6), nm=780.0, theta_rad=0.9365625632065071)
+    yield from case("thin_enz_600", "600 of them between sheets of glass", [[0.03, 0.0], [1.5, 0.0]], [(600, [[0, 0.01], [1, 0.01]])], theta_rad=0.9)
     yield from case("brewster_below", "p light at the substrate's Brewster angle through a film of its index", [[1.53, 0.0]], [(1, [[0, 100.0]])], pols="p", theta_rad=0.9919310470287873)
 
 

@@ -364,7 +364,17 @@ impl Tally {
     /// A bound that the total variations of `lobes` such tallies *all* stay below with 99.9 % probability.
     #[must_use]
     pub fn total_variation_bound(&self, spread: &[f64], lobes: usize) -> f64 {
-        self.total_variation(spread).quantile(BROKEN / lobes.max(1) as f64).min(1.0)
+        self.total_variation_quantile(spread, lobes).min(1.0)
+    }
+
+    /// The bound by what can be extrapolated to more paths: of a few paths it may exceed 1.
+    pub(crate) fn total_variation_quantile(&self, spread: &[f64], lobes: usize) -> f64 {
+        self.total_variation(spread).quantile(BROKEN / lobes.max(1) as f64)
+    }
+
+    /// Paths that left the top.
+    pub(crate) fn reflected_paths(&self) -> u64 {
+        self.reflected_share().count
     }
 
     /// What the total variation is like: half a sum of |normal deviates|, one a cell.

@@ -849,6 +849,8 @@ fn tables_of_hard_stacks_keep_what_every_table_keeps() {
         r#"{"stack":{"layers":5,"aragonite":{"n":1.0},"conchiolin":{"n":1.0},"substrate":{"n":1.0}}}"#,
         r#"{"stack":{"layers":10,"aragonite":{"n":1.53,"k":100.0}}}"#,
         r#"{"stack":{"layers":10,"aragonite":{"n":1.53,"k":1e-12}}}"#,
+        // Total reflection from 30° on: what a lobe of few nodes makes of the edge rings.
+        r#"{"stack":{"layers":10,"substrate":{"n":0.5}}}"#,
     ];
     for json in stacks {
         let recipe = Recipe::from_json(json).expect(json);

@@ -332,11 +332,18 @@ fn smoothness(table: &Table) -> Finding {
     const NOISE: f64 = 6.0;
     let columns = table.meta.exit_axis.columns();
     let mut worst = Worst::new();
+    // Where there is a thousandth of the peak, truncated series ring; as much as the worst says that it is off, if that is more.
+    let ringing = match table.meta.solver {
+        Solver::Walk => 1e-3,
+        Solver::Doubling => {
+            table.meta.per_incidence.iter().fold(1e-3, |most, s| (s.accuracy_percent / 100.0).max(most))
+        }
+    };
     for (i, s) in table.meta.per_incidence.iter().enumerate() {
         if !is_resolved(table, i) {
             continue;
         }
-        let peak = peak(table, i);
+        let ringing = ringing * peak(table, i);
         for lobe in [&table.interior, &table.surface] {
             let (values, errors) = (incidence(table, &lobe.value, i), incidence(table, &lobe.std_error, i));
             for (v, e) in values.chunks_exact(columns).zip(errors.chunks_exact(columns)) {
@@ -346,8 +353,7 @@ fn smoothness(table: &Table) -> Finding {
                     let step = v[2] - (4.0 * (v[1] + v[3]) - v[0] - v[4]) / 6.0;
                     let around = (16.0 * (e[1].powi(2) + e[3].powi(2)) + e[0].powi(2) + e[4].powi(2)) / 36.0;
                     let noise = (around + e[2].powi(2)).sqrt();
-                    // Where there is a thousandth of the peak, truncated series ring.
-                    let largest = v.into_iter().fold(1e-3 * peak, f64::max);
+                    let largest = v.into_iter().fold(ringing, f64::max);
                     if largest > 0.0 {
                         worst.note((step.abs() - NOISE * noise).max(0.0) / largest, s.theta_i_deg);
                     }

@@ -302,7 +302,11 @@ impl LayerMatrix {
         let Phase { half_turns, decay } = self.delta;
         // The thinnest layers and those at their own critical angle: there sin δ/q has no digits to gain from sin δ and q.
         if (half_turns * std::f64::consts::PI).abs().max(decay.abs()) < SMALL_PHASE {
-            return [self.cos, self.sin_over_q, self.q_sin].map(PreciseComplex::from);
+            let [cos, sin_over_q, q_sin] = [self.cos, self.sin_over_q, self.q_sin].map(PreciseComplex::from);
+            // But cos δ must fit them: a determinant off 1 by one rounding is a gain or loss in each of N periods. One step of Newton's.
+            let one = PreciseComplex::from(Complex64::new(1.0, 0.0));
+            let cos = cos + (one - cos * cos - sin_over_q * q_sin) / (cos + cos);
+            return [cos, sin_over_q, q_sin];
         }
         let whole = half_turns.round_ties_even();
         let (sin, cos) = Precise::sin_cos_of_half_turns(half_turns - whole);

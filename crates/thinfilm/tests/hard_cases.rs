@@ -1,4 +1,4 @@
-//! The 83 hard cases with 40-digit references, and as many of our own (`tools/peers/hard_cases.py`).
+//! The 83 hard cases with 40-digit references, and 87 of our own (`tools/peers/hard_cases.py`).
 
 use thinfilm::reference_case::{Case, CaseFile};
 use thinfilm::{Gain, Material, Polarisation, Stack, StackLayer, StackRun, dense};
@@ -17,7 +17,7 @@ fn cases() -> Vec<Case> {
 #[test]
 fn every_hard_case_is_within_its_own_tolerance() {
     let cases = cases();
-    assert_eq!(cases.len(), 83 + 83);
+    assert_eq!(cases.len(), 83 + 87);
     let mut misses = Vec::new();
     for case in &cases {
         let verdict = case.verify().unwrap();
@@ -26,6 +26,24 @@ fn every_hard_case_is_within_its_own_tolerance() {
         }
     }
     assert!(misses.is_empty(), "{} of {} miss:\n{}", misses.len(), cases.len(), misses.join("\n"));
+}
+
+/// A reference off by a millionth is a miss, whichever of the four it is.
+#[test]
+fn each_wrong_reference_is_a_miss() {
+    let cases = cases();
+    let case = cases.iter().find(|case| case.id == "normal_incidence_sp_s").unwrap();
+    let wrong = |text: &str| format!("{:e}", text.parse::<f64>().unwrap() * (1.0 + 1e-6));
+    let passes = |change: &dyn Fn(&mut Case)| {
+        let mut case = case.clone();
+        change(&mut case);
+        case.verify().unwrap().pass
+    };
+    assert!(passes(&|_| ()));
+    assert!(!passes(&|case| case.reference.r[0] = wrong(&case.reference.r[0])));
+    assert!(!passes(&|case| case.reference.t[1] = wrong(&case.reference.t[1])));
+    assert!(!passes(&|case| case.reference.reflectance = wrong(&case.reference.reflectance)));
+    assert!(!passes(&|case| case.reference.transmittance = wrong(&case.reference.transmittance)));
 }
 
 fn stack(case: &Case) -> Stack {

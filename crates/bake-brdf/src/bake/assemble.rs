@@ -56,11 +56,11 @@ fn walk_table(
             let spread = sampling.spread(band * tallies.len() + i);
             Incidence {
                 summary: IncidenceSummary {
-                    accuracy_percent: 100.0 * tally.total_variation_bound(&spread, tallies.len()),
+                    accuracy_percent: 100.0 * tally.total_variation_bound(spread, tallies.len()),
                     ..tally.summary(theta_i_deg)
                 },
                 components: Component::ALL.map(|component| tally.component(component)),
-                noise: tally.total_variation_error(&spread),
+                noise: tally.total_variation_error(spread),
             }
         });
     let crossings: u64 = tallies.iter().map(|tally| tally.crossings).sum();

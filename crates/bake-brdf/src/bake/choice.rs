@@ -8,6 +8,7 @@
 //! tries the choice on requests that the fit has not seen.
 
 use super::halfway::{self, Auxiliary};
+use super::sampling::Effort;
 use super::{BakeError, COARSEST_DOUBLING, Request, SolverChoice, Target, exit_axis, sampling, walk_only};
 use lut_io::axis::ExitAxis;
 use transport::doubling::{DoublingError, OPERATIONS, Settings, prices};
@@ -36,6 +37,11 @@ const fn walk_prices(geometry: Geometry) -> [f64; WALKED.len()] {
     }
 }
 
+/// Incidences at which paths are scouted: a few tell solvers apart whose prices differ by more than a factor of [`CLEAR`].
+const FEW_SCOUTS: usize = 2;
+const SCOUTS: usize = 16;
+const CLEAR: f64 = 3.0;
+
 /// Factors of the effects on a crossing (`bake-brdf study`).
 const DOUBLE_PRECISION: f64 = 1.8;
 const VISIBLE: f64 = 1.4;
@@ -54,16 +60,30 @@ pub struct Counts {
     pub beside_walk: [f64; OPERATIONS.len() + ROWS.len()],
 }
 
-impl Counts {
-    /// Seconds of one core that doubling takes.
-    fn doubling_seconds(&self, geometry: Geometry) -> f64 {
-        solver_seconds(geometry, &self.doubling) + dot(&self.rows, &row_prices(geometry))
-    }
+/// The part of [`Counts`] that doubling does.
+struct DoublingCounts {
+    solver: [f64; OPERATIONS.len()],
+    rows: [f64; ROWS.len()],
+}
 
-    /// Seconds of one core that the walk takes.
-    fn walk_seconds(&self, geometry: Geometry) -> f64 {
-        let (solver, rows) = self.beside_walk.split_at(OPERATIONS.len());
-        dot(&self.walk, &walk_prices(geometry))
+impl DoublingCounts {
+    /// Seconds of one core.
+    fn seconds(&self, geometry: Geometry) -> f64 {
+        solver_seconds(geometry, &self.solver) + dot(&self.rows, &row_prices(geometry))
+    }
+}
+
+/// The part of [`Counts`] that the walk does.
+struct WalkCounts {
+    own: [f64; WALKED.len()],
+    beside: [f64; OPERATIONS.len() + ROWS.len()],
+}
+
+impl WalkCounts {
+    /// Seconds of one core.
+    fn seconds(&self, geometry: Geometry) -> f64 {
+        let (solver, rows) = self.beside.split_at(OPERATIONS.len());
+        dot(&self.own, &walk_prices(geometry))
             + dot(solver, &prices(geometry))
             + dot(rows, &row_prices(geometry))
     }
@@ -100,16 +120,41 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
     if let Err(why) = check_doubling(request, &transport, percent / 100.0) {
         return Ok((SolverChoice::Walk, format!("doubling is out of reach here: {why}")));
     }
-    let counts = counts(request)?;
     let bands = (1 + request.bands()?.further_nm.len()) as f64;
-    let (by_doubling, by_walk) =
-        (bands * counts.doubling_seconds(geometry), bands * counts.walk_seconds(geometry));
+    let by_doubling = bands * counts_of_doubling(request, &transport, percent / 100.0).seconds(geometry);
+    let (by_walk, exact) = walk_against(request, &transport, percent / 100.0, by_doubling / bands)?;
+    let by_walk = bands * by_walk;
     let choice = if by_doubling <= by_walk { SolverChoice::Doubling } else { SolverChoice::Walk };
+    let about = if exact { "" } else { "at least " };
     let reason = format!(
-        "doubling would take about {by_doubling:.2} s of one core, with {} nodes, the walk {by_walk:.2} s",
+        "doubling would take about {by_doubling:.2} s of one core, with {} nodes, the walk {about}{by_walk:.2} s",
         settings.nodes
     );
     Ok((choice, reason))
+}
+
+/// Seconds of one core that the walk takes in a band, known as well as the comparison with `by_doubling` needs, and whether that is more
+/// than a bound from below: choosing must not take a noticeable part of what is chosen.
+fn walk_against(
+    request: &Request,
+    transport: &Transport,
+    accuracy: f64,
+    by_doubling: f64,
+) -> Result<(f64, bool), BakeError> {
+    let geometry = request.geometry();
+    let seconds = |effort| counts_of_walk(request, transport, effort).seconds(geometry);
+    for probed in [None, Some(FEW_SCOUTS)] {
+        let least = seconds(sampling::least_effort(request, probed)?);
+        if least >= by_doubling {
+            return Ok((least, false));
+        }
+    }
+    let few = seconds(sampling::scout(request, accuracy, FEW_SCOUTS)?);
+    let clear = few > CLEAR * by_doubling || by_doubling > CLEAR * few;
+    if clear || request.incident_deg.len() <= FEW_SCOUTS {
+        return Ok((few, true));
+    }
+    Ok((seconds(sampling::scout(request, accuracy, SCOUTS)?), true))
 }
 
 /// What either solver would do for a request that both can answer.
@@ -121,27 +166,39 @@ pub fn counts(request: &Request) -> Result<Counts, BakeError> {
     let Target::AccuracyPercent(percent) = request.target else {
         return Err(BakeError::Input(super::NO_PATHS.to_owned()));
     };
-    let (transport, geometry) = (request.transport()?, request.geometry());
-    let effort = sampling::scout(request, percent / 100.0)?;
-    let settings = settings(&transport, geometry, percent / 100.0);
+    let transport = request.transport()?;
+    let effort = sampling::scout(request, percent / 100.0, SCOUTS)?;
+    let doubling = counts_of_doubling(request, &transport, percent / 100.0);
+    let walk = counts_of_walk(request, &transport, effort);
+    Ok(Counts { doubling: doubling.solver, rows: doubling.rows, walk: walk.own, beside_walk: walk.beside })
+}
+
+fn counts_of_doubling(request: &Request, transport: &Transport, accuracy: f64) -> DoublingCounts {
+    let geometry = request.geometry();
     let axis = exit_axis(geometry, transport.facets.slope_sd);
-    let auxiliary = Auxiliary::of(&transport, geometry, &request.theta_i(), effort.crossings);
-    let mut beside_walk = [0.0; OPERATIONS.len() + ROWS.len()];
+    let settings = settings(transport, geometry, accuracy);
+    DoublingCounts {
+        solver: doubling_counts(request, transport, accuracy),
+        rows: row_counts(&axis, &settings, solved_incidences(request).len()),
+    }
+}
+
+fn counts_of_walk(request: &Request, transport: &Transport, effort: Effort) -> WalkCounts {
+    let geometry = request.geometry();
+    let axis = exit_axis(geometry, transport.facets.slope_sd);
+    let auxiliary = Auxiliary::of(transport, geometry, &request.theta_i(), effort.crossings);
+    let mut beside = [0.0; OPERATIONS.len() + ROWS.len()];
     if let Some(auxiliary) = auxiliary {
-        let (solver, rows) = beside_walk.split_at_mut(OPERATIONS.len());
+        let (solver, rows) = beside.split_at_mut(OPERATIONS.len());
         solver.copy_from_slice(&auxiliary.cost.counts);
         rows.copy_from_slice(&row_counts(&axis, &auxiliary.settings, auxiliary.incidences()));
     }
-    Ok(Counts {
-        doubling: doubling_counts(request, &transport, percent / 100.0),
-        rows: row_counts(&axis, &settings, solved_incidences(request).len()),
-        walk: [
-            crossing_weight(request, &transport) * effort.crossings,
-            effort.paths,
-            request.incident_deg.len() as f64,
-        ],
-        beside_walk,
-    })
+    let own = [
+        crossing_weight(request, transport) * effort.crossings,
+        effort.paths,
+        request.incident_deg.len() as f64,
+    ];
+    WalkCounts { own, beside }
 }
 
 /// The settings that doubling starts with.

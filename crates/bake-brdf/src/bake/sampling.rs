@@ -19,9 +19,12 @@ use transport::{Geometry, Transport};
 const BLOCK: u64 = 8 * CHUNK;
 /// Paths per incidence of the pilot that sizes the bake.
 const PILOT: u64 = 2 * CHUNK;
-/// Incidences and paths of an estimate that must cost next to nothing.
-const SCOUTS: usize = 16;
+/// Paths per incidence of an estimate that must cost next to nothing, and as many more as it takes for so many to come back: a lobe
+/// of fewer hides how wide it is, and with it how many it needs.
 const SCOUT_PATHS: u64 = 1024;
+const SCOUTS_BACK: u64 = 400;
+/// Paths per incidence that say how deep a stack is.
+const PROBE_PATHS: u64 = 64;
 /// Longest time between two states that can be kept or stopped at.
 const LONGEST_SLICE: Duration = Duration::from_millis(500);
 /// Most paths per incidence: fixed-point sums have room for 1.7·10¹⁰.
@@ -47,6 +50,8 @@ pub struct Sampling {
     event_cap: u32,
     shard: Shard,
     state: State,
+    /// Solid angle per unit of extent of each cell, per lobe, as of the tallies: ones where nothing is walked yet.
+    spreads: Vec<Vec<f64>>,
     started: Instant,
     /// Seconds and crossings before this process, for the rate.
     before: (f64, u64),
@@ -128,6 +133,7 @@ impl Sampling {
                 targets: vec![0; lobes],
                 milliseconds: 0,
             },
+            spreads: vec![vec![1.0; axis.cells()]; lobes],
             started: Instant::now(),
             before: (0.0, 0),
         })
@@ -178,6 +184,7 @@ impl Sampling {
         self.before = (state.milliseconds as f64 / 1000.0, state.tallies.iter().map(|t| t.crossings).sum());
         let targets = state.targets.clone();
         self.state = state;
+        self.refresh_spreads();
         self.walk_to(&targets, observer)
     }
 
@@ -282,23 +289,35 @@ impl Sampling {
         }
     }
 
-    /// Solid angle per unit of extent of each cell of one incidence: in the plane it follows from the decay postulate,
-    /// whose w may be the tally's own standard deviation.
-    pub(super) fn spread(&self, lobe: usize) -> Vec<f64> {
-        let theta_i = self.theta_i[self.incidence_of(lobe)];
+    /// Solid angle per unit of extent of each cell of one lobe.
+    pub(super) fn spread(&self, lobe: usize) -> &[f64] {
+        &self.spreads[lobe]
+    }
+
+    /// In the plane the solid angle of a cell follows from the decay postulate, whose w may be the tally's own standard deviation.
+    fn refresh_spreads(&mut self) {
         if matches!(self.axis, ExitAxis::Space { .. }) {
-            return vec![1.0; self.axis.cells()];
+            return;
         }
-        let sd = self.state.tallies[lobe].moments(theta_i).sd.to_degrees();
+        self.spreads = (0..self.lobes()).into_par_iter().map(|lobe| self.plane_spread(lobe)).collect();
+    }
+
+    fn plane_spread(&self, lobe: usize) -> Vec<f64> {
+        let tally = &self.state.tallies[lobe];
+        if tally.paths == 0 {
+            return vec![1.0; tally.cells()];
+        }
+        let theta_i = self.theta_i[self.incidence_of(lobe)];
+        let sd = tally.moments(theta_i).sd.to_degrees();
         let width = azimuth_width_deg(self.azimuth_width_deg, sd).to_radians();
         let weights = measure::reading_weights(&self.axis, theta_i, width);
         weights.iter().zip(measure::cell_extents(&self.axis, theta_i)).map(|(w, extent)| w / extent).collect()
     }
 
-    /// Bound on the total variation of every incidence ([`Tally::total_variation_bound`]).
+    /// Bound on the total variation of every incidence, for extrapolation ([`Tally::total_variation_bound`]).
     pub(super) fn bounds(&self) -> Vec<f64> {
         let tallies = self.state.tallies.iter().enumerate();
-        tallies.map(|(i, tally)| tally.total_variation_bound(&self.spread(i), self.among)).collect()
+        tallies.map(|(i, tally)| tally.total_variation_quantile(self.spread(i), self.among)).collect()
     }
 
     /// Paths of every incidence at which its bound reaches `accuracy`.
@@ -319,6 +338,29 @@ impl Sampling {
         }
         let targets = vec![paths; self.lobes()];
         self.walk_to(&targets, observer)
+    }
+
+    /// Scouts: a few paths, and up to a pilot's where few come back.
+    fn walk_scouts(&mut self) -> Result<(), BakeError> {
+        let idle = Observer::idle();
+        let tasks = |from: u64, to: &[u64]| -> Vec<Task> {
+            let lobes = to.iter().enumerate().filter(|(_, to)| **to > from);
+            lobes.map(|(lobe, &to)| Task { lobe, from, to }).collect()
+        };
+        let first = vec![SCOUT_PATHS; self.lobes()];
+        self.walk_slice(&tasks(0, &first), 0.0, &self.spreads.clone(), &idle)?;
+        let more: Vec<u64> = self
+            .state
+            .tallies
+            .iter()
+            .map(|tally| {
+                let times = SCOUTS_BACK.div_ceil(tally.reflected_paths().max(1));
+                (times * SCOUT_PATHS).min(PILOT)
+            })
+            .collect();
+        self.walk_slice(&tasks(SCOUT_PATHS, &more), 0.0, &self.spreads.clone(), &idle)?;
+        self.refresh_spreads();
+        Ok(())
     }
 
     fn crossings(&self) -> u64 {
@@ -375,7 +417,7 @@ impl Sampling {
             }
         }
         self.state.targets = targets.to_vec();
-        let spreads: Vec<Vec<f64>> = (0..self.lobes()).map(|i| self.spread(i)).collect();
+        let spreads = self.spreads.clone();
         let expected = self.crossings() as f64 + self.crossings_to(targets);
         let mut kept = Instant::now();
         let mut left = tasks.as_slice();
@@ -393,6 +435,9 @@ impl Sampling {
         }
         for (position, &target) in self.state.position.iter_mut().zip(targets) {
             *position = (*position).max(target);
+        }
+        if !tasks.is_empty() {
+            self.refresh_spreads();
         }
         Ok(())
     }
@@ -478,18 +523,17 @@ pub(super) struct Effort {
     pub(super) paths: f64,
 }
 
-/// What a walk to `accuracy` (a share) has to do at the recipe's own wavelength, from a few hundred paths at a few incidences:
-/// counts of seeded paths, so the same anywhere; good to about a quarter, and done in milliseconds.
-pub(super) fn scout(request: &Request, accuracy: f64) -> Result<Effort, BakeError> {
+/// What a walk to `accuracy` (a share) has to do at the recipe's own wavelength, from a few thousand paths at up to `scouts`
+/// incidences: counts of seeded paths, so the same anywhere; good to about a quarter, and done in milliseconds.
+pub(super) fn scout(request: &Request, accuracy: f64, scouts: usize) -> Result<Effort, BakeError> {
     let angles = &request.incident_deg;
-    let every = angles.len().div_ceil(SCOUTS);
-    let few: Vec<f64> = angles.iter().copied().step_by(every).collect();
+    let few = spread_out(angles, scouts);
     let share = angles.len() as f64 / few.len() as f64;
     let effects = request.effects.without(Effect::Dispersion);
     let scouted = Request { incident_deg: few, effects, ..request.clone() };
     let (mut sampling, _) = scouted.sampling(Shard::WHOLE)?;
     sampling.among = angles.len();
-    sampling.walk_pilot(SCOUT_PATHS, &Observer::idle())?;
+    sampling.walk_scouts()?;
     let mut effort = Effort { crossings: 0.0, paths: 0.0 };
     for (tally, target) in sampling.state.tallies.iter().zip(sampling.targets_for_accuracy(accuracy)) {
         let paths = share * target.max(PILOT) as f64;
@@ -497,4 +541,27 @@ pub(super) fn scout(request: &Request, accuracy: f64) -> Result<Effort, BakeErro
         effort.crossings += paths * tally.crossings as f64 / tally.paths as f64;
     }
     Ok(effort)
+}
+
+/// What a walk to any accuracy at least has to do: its pilot. With one crossing a path, or half of the crossings that a few
+/// dozen paths have at up to `probed` incidences, which says enough of stacks so deep that a thousand paths take seconds.
+pub(super) fn least_effort(request: &Request, probed: Option<usize>) -> Result<Effort, BakeError> {
+    let paths = (PILOT * request.incident_deg.len() as u64) as f64;
+    let Some(scouts) = probed else {
+        return Ok(Effort { crossings: paths, paths });
+    };
+    let effects = request.effects.without(Effect::Dispersion);
+    let few = Request { incident_deg: spread_out(&request.incident_deg, scouts), effects, ..request.clone() };
+    let (mut sampling, _) = few.sampling(Shard::WHOLE)?;
+    let lobes = sampling.lobes();
+    let tasks: Vec<Task> = (0..lobes).map(|lobe| Task { lobe, from: 0, to: PROBE_PATHS }).collect();
+    sampling.walk_slice(&tasks, 0.0, &sampling.spreads.clone(), &Observer::idle())?;
+    let each = sampling.crossings() as f64 / (PROBE_PATHS * lobes as u64) as f64;
+    Ok(Effort { crossings: (0.5 * each).max(1.0) * paths, paths })
+}
+
+/// At most `count` of the angles: the middles of as many parts of the list.
+fn spread_out(angles: &[f64], count: usize) -> Vec<f64> {
+    let count = count.clamp(1, angles.len());
+    (0..count).map(|part| angles[(2 * part + 1) * angles.len() / (2 * count)]).collect()
 }

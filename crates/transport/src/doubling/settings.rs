@@ -25,7 +25,7 @@ pub const OPERATIONS: [&str; 5] =
 pub const fn prices(geometry: Geometry) -> [f64; OPERATIONS.len()] {
     match geometry {
         Geometry::Plane => [8.5e-10, 1.8e-7, 6.8e-11, 3.9e-4, 0.0],
-        Geometry::Space => [1.2e-11, 3e-7, 5e-11, 5e-4, 1.4e-2],
+        Geometry::Space => [1.2e-11, 3e-7, 5e-11, 5e-4, 6.3e-3],
     }
 }
 
@@ -210,8 +210,9 @@ impl Settings {
         let products: usize = runs.iter().map(super::stack::Run::products).sum();
         let (n, modes) = (self.nodes as f64, self.modes_in(geometry) as f64);
         let sigma = transport.facets.slope_sd;
-        let line =
-            2.0 * self.reach * sigma * (3.5 * n * self.density) / 6.3 + 0.3 * self.reach * self.reach + 8.0;
+        // Steeper facets face away from most rays.
+        let reach = (self.reach * sigma).min(2.3);
+        let line = 2.0 * reach * (3.5 * n * self.density) / 6.3 + 0.3 * self.reach * self.reach + 8.0;
         let facets = if geometry == Geometry::Plane { line } else { 0.4 * line * line };
         let columns = 2.0 * n * (pairs.len() + 1) as f64 + incidences as f64;
         let incidences = incidences as f64;
@@ -222,7 +223,9 @@ impl Settings {
         };
         let adding = 10.0 * (pairs.len() + 1) as f64 + 6.0 * products as f64;
         let adding = (1.0 + SMALL / n) * modes * n * n * n * adding;
-        let grazing = (6.0 * sigma / FRAC_PI_2).min(1.0) * incidences;
+        // The single reflection of an incidence near enough to the horizon for facets to throw it over is integrated at length;
+        // lobes that fill the hemisphere take no longer.
+        let grazing = (6.0 * sigma / FRAC_PI_2).min(0.4) * incidences;
         let counts = [multiply_adds, columns * facets, adding, incidences, grazing];
         Cost {
             bytes: 8.0 * n * modes * (2.5 * columns + 3.0 * incidences) + 200.0 * n * n * 8.0,

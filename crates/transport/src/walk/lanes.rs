@@ -12,7 +12,7 @@ mod simd;
 
 use std::ops::Range;
 
-use self::draws::{Normal, Stream, TiltSinCos};
+use self::draws::{Normal, Stream, TILT_REACH};
 use self::drive::Job;
 use self::event::{
     ALTERNATING, CROSSING, Constants, EXPLICIT, Film, HALVINGS, PERIODIC, PLAIN, Problem, SHEETS, SPACE,
@@ -146,7 +146,7 @@ impl Walker {
             return Err(WalkError::Simd(level));
         }
         let sd = transport.facets.slope_sd;
-        let reaches = |&h: &u8| sd * Normal::MAX <= TiltSinCos::<f64>::REACH * f64::from(1 << h);
+        let reaches = |&h: &u8| sd * Normal::MAX <= TILT_REACH * f64::from(1 << h);
         let shape = match geometry {
             Geometry::Space => SPACE,
             Geometry::Plane => 1 + HALVINGS.into_iter().find(reaches).ok_or(WalkError::SlopeSd(sd))?,
@@ -297,7 +297,6 @@ impl<R: Real> Problem<R> {
             depth_odd: depth(1),
             depth_even: depth(2),
             normal: Normal::new(sd),
-            tilt: TiltSinCos::new(),
             slope_max: R::from_f64(slope_max),
             tilt_max: tilt_max as f32,
             film: film(transport),
@@ -349,7 +348,7 @@ fn run<R: Real>(
     }
 }
 
-/// Tracked light and sheets: one kernel each, for any stack, slope and absorption.
+/// Tracked light and sheets: kernels for any stack and slope, with and without absorption.
 fn eventful<R: Real>(
     level: SimdLevel,
     variant: Variant,
@@ -357,17 +356,26 @@ fn eventful<R: Real>(
     job: &Job,
     out: &mut [Exit],
 ) -> u64 {
-    match (variant.event, variant.shape, variant.visible) {
-        (TRACKED, _, false) => compiled::<R, 6, false, true, EXPLICIT, TRACKED>(level, problem, job, out),
-        (TRACKED, _, true) => compiled::<R, 6, true, true, EXPLICIT, TRACKED>(level, problem, job, out),
-        (SHEETS, SPACE, false) => {
-            compiled::<R, SPACE, false, true, EXPLICIT, SHEETS>(level, problem, job, out)
-        }
-        (SHEETS, SPACE, true) => compiled::<R, SPACE, true, true, EXPLICIT, SHEETS>(level, problem, job, out),
-        (SHEETS, _, false) => compiled::<R, 6, false, true, EXPLICIT, SHEETS>(level, problem, job, out),
-        (SHEETS, _, true) => compiled::<R, 6, true, true, EXPLICIT, SHEETS>(level, problem, job, out),
-        (_, _, false) => compiled::<R, 6, false, true, EXPLICIT, TRACKED_SHEETS>(level, problem, job, out),
-        (_, _, true) => compiled::<R, 6, true, true, EXPLICIT, TRACKED_SHEETS>(level, problem, job, out),
+    match (variant.visible, variant.absorb) {
+        (false, false) => met::<R, false, false>(level, variant, problem, job, out),
+        (false, true) => met::<R, false, true>(level, variant, problem, job, out),
+        (true, false) => met::<R, true, false>(level, variant, problem, job, out),
+        (true, true) => met::<R, true, true>(level, variant, problem, job, out),
+    }
+}
+
+fn met<R: Real, const VISIBLE: bool, const ABSORB: bool>(
+    level: SimdLevel,
+    variant: Variant,
+    problem: &Problem<R>,
+    job: &Job,
+    out: &mut [Exit],
+) -> u64 {
+    match (variant.event, variant.shape) {
+        (TRACKED, _) => compiled::<R, 6, VISIBLE, ABSORB, EXPLICIT, TRACKED>(level, problem, job, out),
+        (SHEETS, SPACE) => compiled::<R, SPACE, VISIBLE, ABSORB, EXPLICIT, SHEETS>(level, problem, job, out),
+        (SHEETS, _) => compiled::<R, 6, VISIBLE, ABSORB, EXPLICIT, SHEETS>(level, problem, job, out),
+        _ => compiled::<R, 6, VISIBLE, ABSORB, EXPLICIT, TRACKED_SHEETS>(level, problem, job, out),
     }
 }
 

@@ -165,51 +165,28 @@ fn horner<R: Real, const FUSED: bool>(coefficients: &[R], x: R) -> R {
     lower.iter().rev().fold(last, |sum, &c| sum.fma::<FUSED>(x, c))
 }
 
-/// sin α/α and cos α in powers of α², for |α| ≤ 0.27: as many terms as the precision can see, so that the normal has
-/// unit length to rounding.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct TiltSinCos<R> {
-    sin: [R; 7],
-    cos: [R; 7],
+/// Largest |α| (radians) that [`tilt_sin_cos`] takes with no halvings; each halving doubles it.
+pub(crate) const TILT_REACH: f64 = 0.27;
+
+/// (sin α, cos α) of a tilt, from polynomials in α² at α/2ʰ ([`Real::TILT_SIN`]) and h double-angle steps, h = `halvings`.
+#[inline(always)]
+pub(crate) fn tilt_sin_cos<R: Real, const FUSED: bool>(alpha: R, halvings: u8) -> (R, R) {
+    let alpha = if halvings == 0 { alpha } else { alpha * R::from_f64(1.0 / f64::from(1 << halvings)) };
+    let z = alpha * alpha;
+    let mut s = alpha * constant_horner::<_, FUSED>(R::TILT_SIN, z);
+    let mut c = constant_horner::<_, FUSED>(R::TILT_COS, z);
+    for _ in 0..halvings {
+        let double = s + s;
+        (s, c) = (double * c, (-double).fma::<FUSED>(s, R::ONE));
+    }
+    (s, c)
 }
 
-impl<R: Real> TiltSinCos<R> {
-    /// Largest |α| (radians) with no halvings; each halving doubles it.
-    pub(crate) const REACH: f64 = 0.27;
-
-    pub(crate) fn new() -> Self {
-        let (mut sin, mut cos) = ([0.0; 7], [0.0; 7]);
-        if R::TILT_TERMS == 3 {
-            // Minimax: |error| < 4·10⁻¹⁰ and 2·10⁻⁸, half the last place of an f32.
-            sin[..3].copy_from_slice(&[9.999_999_916_104e-1, -1.666_657_457_094e-1, 8.308_054_673_418e-3]);
-            cos[..3].copy_from_slice(&[9.999_999_832_286e-1, -4.999_958_571_152e-1, 4.151_503_033_840e-2]);
-        } else {
-            // Taylor: the next term is below 10⁻¹⁸.
-            let mut factorial = 1.0;
-            for (k, (s, c)) in sin.iter_mut().zip(&mut cos).enumerate() {
-                let n = 2.0 * k as f64;
-                *c = if k % 2 == 0 { 1.0 / factorial } else { -1.0 / factorial };
-                *s = *c / (n + 1.0);
-                factorial *= (n + 1.0) * (n + 2.0);
-            }
-        }
-        Self { sin: sin.map(R::from_f64), cos: cos.map(R::from_f64) }
-    }
-
-    /// (sin α, cos α), from the polynomials at α/2ʰ and h double-angle steps, h = `halvings`.
-    #[inline(always)]
-    pub(crate) fn of<const FUSED: bool>(&self, alpha: R, halvings: u8) -> (R, R) {
-        let alpha = if halvings == 0 { alpha } else { alpha * R::from_f64(1.0 / f64::from(1 << halvings)) };
-        let z = alpha * alpha;
-        let terms = R::TILT_TERMS;
-        let mut s = alpha * horner::<_, FUSED>(&self.sin[..terms], z);
-        let mut c = horner::<_, FUSED>(&self.cos[..terms], z);
-        for _ in 0..halvings {
-            let double = s + s;
-            (s, c) = (double * c, (-double).fma::<FUSED>(s, R::ONE));
-        }
-        (s, c)
-    }
+/// [`horner`] of coefficients that the compiler knows: kept in memory they would cost loads and registers in every crossing.
+#[inline(always)]
+fn constant_horner<R: Real, const FUSED: bool>(coefficients: &[f64], x: R) -> R {
+    let (last, lower) = coefficients.split_last().expect("polynomials have terms");
+    lower.iter().rev().fold(R::from_f64(*last), |sum, &c| sum.fma::<FUSED>(x, R::from_f64(c)))
 }
 
 #[cfg(test)]
@@ -324,15 +301,15 @@ mod tests {
     #[test]
     fn tilt_sines_and_cosines_are_those_of_the_library() {
         for halvings in [0, 2, 5] {
-            let reach = TiltSinCos::<f64>::REACH * f64::from(1 << halvings);
+            let reach = TILT_REACH * f64::from(1 << halvings);
             for step in -1000..=1000 {
                 let alpha = reach * f64::from(step) / 1000.0;
-                let (s, c) = TiltSinCos::<f64>::new().of::<true>(alpha, halvings);
+                let (s, c) = tilt_sin_cos::<f64, true>(alpha, halvings);
                 // Each halving may double the rounding error.
                 let bound = 1e-15 * f64::from(1 << halvings);
                 assert!((s - alpha.sin()).abs() < bound && (c - alpha.cos()).abs() < bound, "{alpha}");
                 let narrow = alpha as f32;
-                let (s, c) = TiltSinCos::<f32>::new().of::<true>(narrow, halvings);
+                let (s, c) = tilt_sin_cos::<f32, true>(narrow, halvings);
                 let bound = 1.5e-7 * (1 << halvings) as f32;
                 assert!((s - narrow.sin()).abs() < bound && (c - narrow.cos()).abs() < bound, "{alpha}");
             }

@@ -2,11 +2,11 @@
 
 use std::hint::select_unpredictable as choose;
 
-use super::draws::{Normal, TiltSinCos};
+use super::draws::{Normal, tilt_sin_cos};
 use super::real::Real;
 
 /// The geometry of a walk at compile time: [`SPACE`], or 1 + h for a plane walk whose tilts need h halvings
-/// (see [`TiltSinCos::of`]).
+/// (see [`tilt_sin_cos`]).
 pub(crate) const SPACE: u8 = 0;
 /// Halvings that plane walks are compiled for: σ up to 2.3°, 9.2° and 74°.
 pub(crate) const HALVINGS: [u8; 3] = [0, 2, 5];
@@ -41,7 +41,6 @@ pub(crate) struct Constants<R> {
     pub(crate) depth_even: R,
     /// Facet tilts.
     pub(crate) normal: Normal,
-    pub(crate) tilt: TiltSinCos<R>,
     /// Visible normals: the largest |slope|, and in the plane the largest |tilt|.
     pub(crate) slope_max: R,
     pub(crate) tilt_max: f32,
@@ -156,9 +155,8 @@ impl<R: Real> Facet<R> {
 
     /// From a tilt in the plane of incidence.
     #[inline(always)]
-    pub(crate) fn tilted<const SHAPE: u8, const FUSED: bool>(alpha: f32, tilt: &TiltSinCos<R>) -> Self {
-        let alpha = R::from_f32(alpha);
-        let (x, z) = tilt.of::<FUSED>(alpha, SHAPE - 1);
+    pub(crate) fn tilted<const SHAPE: u8, const FUSED: bool>(alpha: f32) -> Self {
+        let (x, z) = tilt_sin_cos::<R, FUSED>(R::from_f32(alpha), SHAPE - 1);
         Self { x, y: R::ZERO, z, square: R::ONE }
     }
 }

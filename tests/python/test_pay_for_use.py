@@ -1,0 +1,38 @@
+"""An effect that is off costs nothing: instructions per crossing of the walk against kernels written without effects."""
+
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
+EXAMPLE = BIN / "examples" / "pay_for_use"
+
+
+@pytest.fixture(scope="module")
+def example():
+    if not EXAMPLE.is_file():
+        pytest.skip(f"{EXAMPLE} is not built (cargo build --release -p transport --example pay_for_use)")
+    return EXAMPLE
+
+
+def test_the_kernels_written_without_effects_walk_the_same_paths(example):
+    done = subprocess.run([example, "--compare"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout.split("\n")[:2]) == (0, ["plane: same bits", "space: same bits"])
+
+
+def test_effects_that_are_off_add_no_instruction_to_a_crossing(example):
+    if not shutil.which("valgrind"):
+        pytest.skip("no valgrind here (apt-get install valgrind), which counts the instructions")
+    script = [sys.executable, ROOT / "tools" / "pay_for_use.py", "--example", example]
+    done = subprocess.run([*map(str, script), "--only-off", "--paths", "1000", "--json"], capture_output=True, text=True)
+    assert done.returncode in (0, 3), done.stderr
+    found = json.loads(done.stdout)
+    assert found["same_bits"]
+    for dim, apart in found["apart"].items():
+        assert apart <= 0.01, (dim, found)

@@ -1,0 +1,80 @@
+#!/usr/bin/env python3
+"""Predicted and measured seconds: what `bake-brdf plan --scene` says of the scenes in data/scenes, and what the bakes take.
+
+    cargo build --release -p bake-brdf
+    python3 tools/plan_honesty.py                             # prints the table, under a minute on two idle cores
+    python3 tools/plan_honesty.py --document docs/EFFECTS.md  # and writes it into the page
+
+Predicted are the seconds of `bake-brdf plan --scene`; measured those of the command `bake-brdf --scene` by the clock, its start included, as
+the median of --repeats. Exit code 3 if a scene that bakes something is off by more than a factor of 1.5. Other work on the machine makes
+it fail: `--cpu` compares processor seconds instead (with `--threads 1`), which other work changes less.
+"""
+import argparse
+import json
+import pathlib
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+BEGIN, END = "<!-- plan_honesty: begin -->", "<!-- plan_honesty: end -->"
+FACTOR = 1.5
+
+
+def processor_seconds():
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def timed(command, clock):
+    """(what the command prints, seconds)."""
+    started = clock()
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+    seconds = clock() - started
+    if done.returncode != 0:
+        sys.exit(f"plan_honesty: {' '.join(map(str, command))}: {done.stderr.strip()}")
+    return json.loads(done.stdout), seconds
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--bin", default=ROOT / "target" / "release" / "bake-brdf")
+    parser.add_argument("--accuracy", default="3")
+    parser.add_argument("--incident-deg", default="0:90:3")
+    parser.add_argument("--threads", default=None, help="default: all")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--cpu", action="store_true", help="measure processor seconds; means --threads 1")
+    parser.add_argument("--document", type=pathlib.Path, help="page to write the table into")
+    o = parser.parse_args()
+    threads = "1" if o.cpu else o.threads
+    terms = ["--accuracy", o.accuracy, "--incident-deg", o.incident_deg, "--json", "-q"]
+    terms += ["--threads", threads] if threads else []
+    clock = processor_seconds if o.cpu else time.monotonic
+    lines, honest = ["| scene | solver | predicted, s | measured, s | predicted/measured |", "|---|---|---|---|---|"], True
+    for name in json.loads((ROOT / "data" / "scenes" / "plans.json").read_text()):
+        scene = ROOT / "data" / "scenes" / f"{name}.xml"
+        plan, _ = timed([o.bin, "plan", "--scene", scene, *terms], clock)
+        measured = []
+        for _ in range(o.repeats):
+            with tempfile.TemporaryDirectory() as folder:
+                measured.append(timed([o.bin, "--scene", scene, "-o", folder, *terms], clock)[1])
+        predicted, seconds = plan["seconds"], statistics.median(measured)
+        solvers = ", ".join(table["solver"] for table in plan["tables"]) or "–"
+        ratio = f"{predicted / seconds:.2f}" if plan["tables"] else "nothing to bake"
+        honest &= not plan["tables"] or 1 / FACTOR <= predicted / seconds <= FACTOR
+        lines.append(f"| {name} | {solvers} | {predicted:.3f} | {seconds:.3f} | {ratio} |")
+        print(lines[-1], file=sys.stderr, flush=True)
+    print("\n".join(lines))
+    if o.document:
+        page = o.document.read_text()
+        before, rest = page.split(BEGIN)
+        _, after = rest.split(END)
+        o.document.write_text(f"{before}{BEGIN}\n" + "\n".join(lines) + f"\n{END}{after}")
+    return 0 if honest else 3
+
+
+if __name__ == "__main__":
+    sys.exit(main())
