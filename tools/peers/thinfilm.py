@@ -28,6 +28,8 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 RATE = ROOT / "target/release/examples/dense_rate"
 N = [1.0] + [1.53, 1.43] * 250 + [1.53]
 D = [450.0, 25.0] * 250  # nm
+# How often ours are timed.
+TURNS = 4
 # Waves that a peer is timed with: the grid of 81 x 90, thinned out for the slow ones.
 NM = np.linspace(380, 780, 81)
 THETA = np.radians(np.arange(90))
@@ -110,11 +112,26 @@ def disagreement(one, samples):
     return max(differences)
 
 
+def fastest(reports):
+    """One report, with the fastest rounds of all."""
+    best = dict(reports[0])
+    best["ensemble_seconds"] = min(report["ensemble_seconds"] for report in reports)
+    best["rates"] = {
+        name: {"best": max(report["rates"][name]["best"] for report in reports)} for name in best["rates"]
+    }
+    return best
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--document", type=pathlib.Path)
     o = parser.parse_args()
-    alone, both = ours(1), ours(2)
+    # In turn, so that a machine that others disturb disturbs both.
+    runs = {threads: [] for threads in (1, 2)}
+    for _ in range(TURNS):
+        for threads, reports in runs.items():
+            reports.append(ours(threads))
+    alone, both = (fastest(reports) for reports in runs.values())
     rows, agree = [], True
     for name, value in alone["rates"].items():
         two = both["rates"][name]["best"] if "thread" not in name else None
@@ -134,7 +151,7 @@ def main():
     lines += [f"| {name} | {number(a)} | {number(b)} | {note} |" for name, a, b, note in rows]
     lines += [
         "",
-        f"Fastest of 15 rounds (peers: of 3), {processor()}, {os.cpu_count()} processors. The ensemble of 64 irregular stacks"
+        f"Fastest of {TURNS} times 15 rounds, one thread and two in turn (peers: of 3), {processor()}, {os.cpu_count()} processors. The ensemble of 64 irregular stacks"
         f" (90 angles, 801 wavelengths, s and p, 500 layers) took {both['ensemble_seconds']:.1f} s on two threads,"
         f" {alone['ensemble_seconds']:.1f} s on one.",
     ]
