@@ -140,6 +140,7 @@ fn mean(
 /// As [`Stack::at`] and [`fresnel`].
 pub fn incoherent(stack: &Stack, wavelength: f64, theta: f64, light: Light) -> Result<Intensity, StackError> {
     let multilayer = stack.at(wavelength)?;
+    multilayer.check(wavelength)?;
     multilayer.check_absorbing()?;
     let wave = InPlaneWave::new(multilayer.ambient, Incidence::Angle(theta))?;
     let k0 = std::f64::consts::TAU / wavelength;

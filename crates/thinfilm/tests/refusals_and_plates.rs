@@ -101,6 +101,18 @@ fn a_plate_under_an_absorbing_coating_is_a_geometric_series() {
     }
 }
 
+/// Indices whose squares leave f64 are refused, not NaN.
+#[test]
+fn an_index_beyond_all_materials_is_refused_by_the_incoherent_sum_too() {
+    let beyond = Stack {
+        ambient: Material::constant(2.5e-308),
+        substrate: Material::constant(4e79),
+        ..stack(vec![absorbing(1.7, 0.0)], &[0.0], Gain::Refused)
+    };
+    let refusal = intensity::incoherent(&beyond, 550.0 * NM, 0.0, Light::Unpolarised).unwrap_err();
+    assert!(refusal.to_string().contains("index"), "{refusal}");
+}
+
 /// Every layer incoherent: one absorbing plate between unlike media.
 #[test]
 fn an_incoherent_plate_absorbs_on_every_crossing() {
