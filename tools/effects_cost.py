@@ -10,14 +10,14 @@ command with `--threads 1`, which other work on the machine changes little; byte
 """
 import argparse
 import pathlib
-import resource
 import statistics
 import subprocess
 import sys
 import tempfile
 
+from measured import processor_seconds, write_table
+
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-BEGIN, END = "<!-- effects_cost: begin -->", "<!-- effects_cost: end -->"
 LOBE = "surface,blur,azimuth"
 PAPER = {"recipe": None}
 # The lobe differs between wavelengths through its absorption; one band is enough for 5 %.
@@ -38,11 +38,6 @@ ROWS = [
     ("irregularity of coherent", f"{LOBE},coherent,irregularity,body", f"{LOBE},coherent,body", {}, {}),
     ("irregularity of illuminant", f"{LOBE},illuminant,irregularity,body", f"{LOBE},illuminant,body", {}, {}),
 ]
-
-
-def processor_seconds():
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def baked(o, folder, effects, other):
@@ -88,10 +83,7 @@ def main():
             print(lines[-1], file=sys.stderr, flush=True)
     print("\n".join(lines))
     if o.document:
-        page = o.document.read_text()
-        before, rest = page.split(BEGIN)
-        _, after = rest.split(END)
-        o.document.write_text(f"{before}{BEGIN}\n" + "\n".join(lines) + f"\n{END}{after}")
+        write_table(o.document, "effects_cost", "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -19,10 +19,11 @@ import shutil
 import subprocess
 import sys
 
+from measured import write_table
+
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 DEFAULT = ROOT / "target" / "release" / "examples" / "pay_for_use"
 LIMIT = 0.01
-BEGIN, END = "<!-- pay_for_use: begin -->", "<!-- pay_for_use: end -->"
 EFFECTS = {
     2: ["absorption", "visible", "explicit", "polarisation", "polarisation+absorption", "f64", "sheets", "sheets+absorption"],
     3: ["absorption", "visible", "explicit", "f64", "sheets", "sheets+absorption"],
@@ -67,13 +68,6 @@ def table(measured):
     return "\n".join(lines)
 
 
-def write(path, text):
-    page = path.read_text()
-    before, rest = page.split(BEGIN)
-    _, after = rest.split(END)
-    path.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}")
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--example", type=pathlib.Path, default=DEFAULT)
@@ -102,7 +96,7 @@ def main():
     else:
         print(table(measured))
     if o.document:
-        write(o.document, table(measured))
+        write_table(o.document, "pay_for_use", table(measured))
     if same.returncode != 0:
         sys.exit(f"pay_for_use: the two kernels give other exits: {same.stdout.strip()}") if same.returncode != 3 else None
         print(f"pay_for_use: {same.stdout.strip()}", file=sys.stderr)

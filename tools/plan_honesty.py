@@ -12,21 +12,16 @@ it fail: `--cpu` compares processor seconds instead (with `--threads 1`), which 
 import argparse
 import json
 import pathlib
-import resource
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 
+from measured import processor_seconds, write_table
+
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-BEGIN, END = "<!-- plan_honesty: begin -->", "<!-- plan_honesty: end -->"
 FACTOR = 1.5
-
-
-def processor_seconds():
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def timed(command, clock):
@@ -69,10 +64,7 @@ def main():
         print(lines[-1], file=sys.stderr, flush=True)
     print("\n".join(lines))
     if o.document:
-        page = o.document.read_text()
-        before, rest = page.split(BEGIN)
-        _, after = rest.split(END)
-        o.document.write_text(f"{before}{BEGIN}\n" + "\n".join(lines) + f"\n{END}{after}")
+        write_table(o.document, "plan_honesty", "\n".join(lines))
     return 0 if honest else 3
 
 
