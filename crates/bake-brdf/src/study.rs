@@ -18,6 +18,8 @@ const TRUTH: f64 = 1e-7;
 const DOUBLING_TARGETS: [f64; 6] = [3e-2, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
 /// Repeats of a timed solve, of which the fastest counts: what else the machine does only adds.
 const REPEATS: usize = 3;
+/// Repeats of a long walk: with one, what else the machine does for a while bends the slope.
+const LONG_REPEATS: usize = 2;
 
 /// A solver as it is compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
@@ -103,9 +105,9 @@ pub struct Study {
 /// falls as 1/√paths.
 fn path_counts(azimuth: AzimuthMode, precision: Precision) -> &'static [u64] {
     match (azimuth, precision) {
-        (AzimuthMode::Decay, Precision::F64) => &[4 * CHUNK, 16 * CHUNK],
+        (AzimuthMode::Decay, Precision::F64) => &[4 * CHUNK, 16 * CHUNK, 48 * CHUNK],
         (AzimuthMode::Decay, _) => &[4 * CHUNK, 16 * CHUNK, 64 * CHUNK],
-        (AzimuthMode::Walk, Precision::F64) => &[16 * CHUNK, 48 * CHUNK],
+        (AzimuthMode::Walk, Precision::F64) => &[16 * CHUNK, 48 * CHUNK, 96 * CHUNK],
         (AzimuthMode::Walk, _) => &[16 * CHUNK, 48 * CHUNK, 144 * CHUNK],
     }
 }
@@ -199,7 +201,7 @@ impl Bench {
     /// Repeats with other seeds: the least time, the mean of the errors.
     fn walk(&self, contender: Contender, precision: Precision, paths: u64) -> Result<Point, BakeError> {
         let (mut seconds, mut worst, mut mean, mut bytes) = (Vec::new(), 0.0, 0.0, 0.0);
-        let repeats = if paths > 16 * CHUNK { 1 } else { REPEATS };
+        let repeats = if paths > 16 * CHUNK { LONG_REPEATS } else { REPEATS };
         for repeat in 0..repeats {
             let request = Request { precision, seed: 1 + repeat as u64, ..self.request.clone() };
             let started = Instant::now();

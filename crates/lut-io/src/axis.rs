@@ -53,40 +53,40 @@ impl Stretched {
     /// The coordinate at a position in units of cells; inverse of [`Self::position`].
     #[must_use]
     pub fn at(&self, position: f64) -> f64 {
-        let cells = self.cells as f64;
-        let side = |t: f64, room: f64| self.width * (t * (room / self.width).asinh()).sinh();
-        if self.one_sided() {
-            return (self.lo + side(position / cells, self.hi - self.lo)).clamp(self.lo, self.hi);
-        }
-        let t = position / (0.5 * cells) - 1.0;
-        let x = if t >= 0.0 {
-            self.centre + side(t, self.hi - self.centre)
-        } else {
-            self.centre - side(-t, self.centre - self.lo)
-        };
-        x.clamp(self.lo, self.hi)
+        self.with_slope()(position).0
     }
 
     /// dx/dposition at a position in units of cells.
     #[must_use]
     pub fn slope(&self, position: f64) -> f64 {
-        let cells = self.cells as f64;
-        let side = |t: f64, room: f64| {
-            let range = (room / self.width).asinh();
-            self.width * range * (t * range).cosh()
+        self.with_slope()(position).1
+    }
+
+    /// [`Self::at`] and [`Self::slope`] as one function of the position, for many positions.
+    pub(crate) fn with_slope(&self) -> impl Fn(f64) -> (f64, f64) {
+        let Self { lo, centre, hi, width, .. } = *self;
+        let range = |room: f64| (room / width).asinh();
+        // Cells a side; a one-sided axis has all of them above its centre.
+        let (cells, above, below) = if self.one_sided() {
+            (self.cells as f64, range(hi - lo), 0.0)
+        } else {
+            (0.5 * self.cells as f64, range(hi - centre), range(centre - lo))
         };
-        if self.one_sided() {
-            return side(position / cells, self.hi - self.lo) / cells;
+        let (start, first) = if self.one_sided() { (lo, 0.0) } else { (centre, 1.0) };
+        move |position| {
+            let t = position / cells - first;
+            let range = if t >= 0.0 { above } else { below };
+            let sinh = (t * range).sinh();
+            // dsinh = cosh, and cosh² = 1 + sinh².
+            ((start + width * sinh).clamp(lo, hi), width * range * (1.0 + sinh * sinh).sqrt() / cells)
         }
-        let t = position / (0.5 * cells) - 1.0;
-        let room = if t >= 0.0 { self.hi - self.centre } else { self.centre - self.lo };
-        side(t.abs(), room) / (0.5 * cells)
     }
 
     /// The `cells + 1` cell edges, ascending, the ends exact.
     #[must_use]
     pub fn edges(&self) -> Vec<f64> {
-        let mut edges: Vec<f64> = (0..=self.cells).map(|i| self.at(i as f64)).collect();
+        let at = self.with_slope();
+        let mut edges: Vec<f64> = (0..=self.cells).map(|i| at(i as f64).0).collect();
         edges[0] = self.lo;
         edges[self.cells] = self.hi;
         edges
@@ -95,7 +95,8 @@ impl Stretched {
     /// The coordinate of each cell's centre (half-way in position, not in angle).
     #[must_use]
     pub fn centres(&self) -> Vec<f64> {
-        (0..self.cells).map(|i| self.at(i as f64 + 0.5)).collect()
+        let at = self.with_slope();
+        (0..self.cells).map(|i| at(i as f64 + 0.5).0).collect()
     }
 }
 

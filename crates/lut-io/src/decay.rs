@@ -42,7 +42,30 @@ pub fn mean_decay(x: f64) -> f64 {
         }
         return e2 * sum / -(-2.0 * x).exp_m1();
     }
-    (scaled_bessel_i0(x) - e2) / (1.0 - e2)
+    without_end(scaled_bessel_i0(x), x)
+}
+
+/// [`mean_decay`] of several concentrations at once, which share the arithmetic of their series (to rounding the same values).
+pub(crate) fn mean_decays<const N: usize>(x: [f64; N]) -> [f64; N] {
+    let all = |from: f64, to: f64| x.iter().all(|x| (from..to).contains(x));
+    if all(NEAR, f64::INFINITY) {
+        let bessel = chebyshev(&I0_FAR, x.map(|x| 16.0 / x - 1.0));
+        return std::array::from_fn(|k| without_end(bessel[k] / x[k].sqrt(), x[k]));
+    }
+    if all(0.1, NEAR) {
+        let bessel = chebyshev(&I0_NEAR, x.map(|x| 0.25 * x - 1.0));
+        return std::array::from_fn(|k| without_end(bessel[k], x[k]));
+    }
+    x.map(mean_decay)
+}
+
+/// (e^{−x}I₀(x) − e^{−2x}) / (1 − e^{−2x}) from its first term.
+fn without_end(bessel: f64, x: f64) -> f64 {
+    if x > 20.0 {
+        return bessel; // e^{−2x} is less than half an ulp of it
+    }
+    let e2 = (-2.0 * x).exp();
+    (bessel - e2) / (1.0 - e2)
 }
 
 /// e^{−x}·I₀(x), x ≥ 0, relative error below 1e-15.
@@ -51,20 +74,24 @@ pub fn mean_decay(x: f64) -> f64 {
 /// Cephes' `i0e`); the coefficients were computed to 40 digits from I₀ itself.
 #[must_use]
 pub fn scaled_bessel_i0(x: f64) -> f64 {
-    if x <= 8.0 {
-        return chebyshev(&I0_NEAR, 0.25 * x - 1.0);
+    if x <= NEAR {
+        return chebyshev(&I0_NEAR, [0.25 * x - 1.0])[0];
     }
-    chebyshev(&I0_FAR, 16.0 / x - 1.0) / x.sqrt()
+    chebyshev(&I0_FAR, [16.0 / x - 1.0])[0] / x.sqrt()
 }
 
 /// ½c₀ + Σ cₙTₙ(y) by Clenshaw's recurrence.
-fn chebyshev(coefficients: &[f64], y: f64) -> f64 {
-    let (mut b1, mut b2) = (0.0, 0.0);
+fn chebyshev<const N: usize>(coefficients: &[f64], y: [f64; N]) -> [f64; N] {
+    let (mut b1, mut b2) = ([0.0; N], [0.0; N]);
     for &c in coefficients[1..].iter().rev() {
-        (b1, b2) = (2.0 * y * b1 - b2 + c, b1);
+        let next = std::array::from_fn(|k| 2.0 * y[k] * b1[k] - b2[k] + c);
+        (b1, b2) = (next, b1);
     }
-    y * b1 - b2 + 0.5 * coefficients[0]
+    std::array::from_fn(|k| y[k] * b1[k] - b2[k] + 0.5 * coefficients[0])
 }
+
+/// Where the one series of the Bessel function ends and the other begins.
+const NEAR: f64 = 8.0;
 
 #[rustfmt::skip]
 const I0_NEAR: [f64; 30] = [
@@ -147,6 +174,20 @@ mod tests {
             assert!((decay(x, cos_phi) - naive).abs() < 1e-14);
         }
         assert!(decay(1e9, 0.5) == 0.0 && decay(0.0, 0.0) == 0.5);
+    }
+
+    #[test]
+    fn several_mean_decays_are_each_by_itself() {
+        let x = [0.0, 1e-10, 0.05, 0.1, 0.5, 7.9, 8.0, 8.1, 19.0, 20.5, 700.0];
+        for triple in x.windows(3) {
+            let triple = [triple[0], triple[1], triple[2]];
+            for (found, expected) in mean_decays(triple).into_iter().zip(triple.map(mean_decay)) {
+                assert!(
+                    (found - expected).abs() <= 4.0 * f64::EPSILON * expected,
+                    "{triple:?}: {found} {expected}"
+                );
+            }
+        }
     }
 
     #[test]

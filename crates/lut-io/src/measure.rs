@@ -32,13 +32,15 @@ pub fn cell_extents(axis: &ExitAxis, theta_i: f64) -> Vec<f64> {
 pub fn reading_weights(axis: &ExitAxis, theta_i: f64, azimuth_width: f64) -> Vec<f64> {
     let columns = axis.columns_at(theta_i);
     let Some(phi) = axis.phi_at(theta_i) else {
+        let concentration = theta_i.sin() / (azimuth_width * azimuth_width);
         return hat_integrals(&columns, |s| {
-            let mean = decay::mean_decay(decay::concentration(theta_i, s, azimuth_width));
-            TAU * s.sin().abs() * if s >= 0.0 { mean } else { 1.0 - mean }
+            let sines = s.map(|s| s.sin().abs());
+            let means = decay::mean_decays(sines.map(|sine| concentration * sine));
+            std::array::from_fn(|k| TAU * sines[k] * if s[k] >= 0.0 { means[k] } else { 1.0 - means[k] })
         });
     };
-    let bands = hat_integrals(&columns, f64::sin);
-    let sectors = hat_integrals(&phi, |_| 2.0);
+    let bands = hat_integrals(&columns, |theta| theta.map(f64::sin));
+    let sectors = hat_integrals(&phi, |phi| phi.map(|_| 2.0));
     sectors.iter().flat_map(|sector| bands.iter().map(move |band| sector * band)).collect()
 }
 
@@ -58,14 +60,20 @@ pub fn value_factors(shares: &[f64], extents: &[f64], weights: &[f64]) -> Vec<f6
 
 /// ∫ hat_k(x)·density(x) dx for every cell k of an axis; hat_k is 1 at the centre of cell k, falls linearly in
 /// position to 0 at the neighbouring centres, and stays 1 in the outer halves of the first and last cells.
-fn hat_integrals(axis: &Stretched, density: impl Fn(f64) -> f64) -> Vec<f64> {
+fn hat_integrals(axis: &Stretched, density: impl Fn([f64; NODES]) -> [f64; NODES]) -> Vec<f64> {
     let mut integrals = vec![0.0; axis.cells];
+    let at = axis.with_slope();
     let mut add = |from: f64, to: f64, graded: bool| {
-        for &(t, weight) in &GAUSS_LEGENDRE {
-            // Graded: u = from + (to − from)·t², so that a √x start is integrated as a polynomial.
+        // Graded: u = from + (to − from)·t², so that a √x start is integrated as a polynomial.
+        let nodes = GAUSS_LEGENDRE.map(|(t, weight)| {
             let (step, slope) = if graded { (t * t, 2.0 * t) } else { (t, 1.0) };
             let u = from + (to - from) * step;
-            let mass = weight * slope * (to - from).abs() * axis.slope(u) * density(axis.at(u));
+            let (x, x_slope) = at(u);
+            (u, x, weight * slope * (to - from).abs() * x_slope)
+        });
+        let densities = density(nodes.map(|(_, x, _)| x));
+        for ((u, _, weight), density) in nodes.into_iter().zip(densities) {
+            let mass = weight * density;
             let (cell, fraction) = neighbours(u, axis.cells);
             integrals[cell] += (1.0 - fraction) * mass;
             if fraction > 0.0 {
@@ -96,8 +104,11 @@ pub(crate) fn neighbours(position: f64, cells: usize) -> (usize, f64) {
     (cell, from_first - cell as f64)
 }
 
+/// Nodes of a half cell.
+const NODES: usize = 6;
+
 /// Nodes and weights of the six-point Gauss–Legendre rule on [0, 1] (Abramowitz & Stegun table 25.4).
-const GAUSS_LEGENDRE: [(f64, f64); 6] = {
+const GAUSS_LEGENDRE: [(f64, f64); NODES] = {
     const X: [f64; 3] = [0.238_619_186_083_196_9, 0.661_209_386_466_264_5, 0.932_469_514_203_152_1];
     const W: [f64; 3] = [0.467_913_934_572_691_0, 0.360_761_573_048_138_6, 0.171_324_492_379_170_4];
     [
