@@ -258,7 +258,7 @@ mod tests {
         let dispersed = request(GLASSY, 1.0);
         assert!(!dispersed.bands().unwrap().further_nm.is_empty());
         let own = Request { effects: dispersed.effects.without(Effect::Dispersion), ..dispersed.clone() };
-        let effort = |request: &Request| crate::bake::sampling::scout(request, 0.01, 16).unwrap();
+        let effort = |request: &Request| crate::bake::sampling::scout(request, 0.01, 16, |_| false).unwrap();
         assert_eq!(effort(&dispersed), effort(&own));
     }
 

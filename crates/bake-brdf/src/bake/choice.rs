@@ -24,7 +24,7 @@ pub const WALKED: [&str; 3] = ["crossing", "path", "row"];
 /// Seconds of one AVX-512 core for each of [`ROWS`]; what a row takes by itself is in the price of an incidence.
 const fn row_prices(geometry: Geometry) -> [f64; ROWS.len()] {
     match geometry {
-        Geometry::Plane => [0.0, 3.2e-8],
+        Geometry::Plane => [0.0, 3.6e-8],
         Geometry::Space => [0.0, 1e-8],
     }
 }
@@ -32,7 +32,7 @@ const fn row_prices(geometry: Geometry) -> [f64; ROWS.len()] {
 /// Seconds of one AVX-512 core for each of [`WALKED`].
 const fn walk_prices(geometry: Geometry) -> [f64; WALKED.len()] {
     match geometry {
-        Geometry::Plane => [1.95e-9, 2.9e-8, 3.6e-3],
+        Geometry::Plane => [1.9e-9, 2.6e-8, 2.8e-4],
         Geometry::Space => [2.2e-9, 3.1e-8, 4.5e-3],
     }
 }
@@ -41,6 +41,10 @@ const fn walk_prices(geometry: Geometry) -> [f64; WALKED.len()] {
 const FEW_SCOUTS: usize = 2;
 const SCOUTS: usize = 16;
 const CLEAR: f64 = 3.0;
+/// Where doubling costs so many times the walk, a thousand paths an incidence are enough to tell.
+const BEYOND_DOUBT: f64 = 10.0;
+/// Layers up to which scouts cost no more than the probe that may save them.
+const SHALLOW: usize = 100;
 
 /// Factors of the effects on a crossing (`bake-brdf study`).
 const DOUBLE_PRECISION: f64 = 1.8;
@@ -125,9 +129,9 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
     let (by_walk, exact) = walk_against(request, &transport, percent / 100.0, by_doubling / bands)?;
     let by_walk = bands * by_walk;
     let choice = if by_doubling <= by_walk { SolverChoice::Doubling } else { SolverChoice::Walk };
-    let about = if exact { "" } else { "at least " };
+    let about = if exact { "about" } else { "at least" };
     let reason = format!(
-        "doubling would take about {by_doubling:.2} s of one core, with {} nodes, the walk {about}{by_walk:.2} s",
+        "doubling would take about {by_doubling:.2} s of one core, with {} nodes, the walk {about} {by_walk:.2} s",
         settings.nodes
     );
     Ok((choice, reason))
@@ -143,18 +147,20 @@ fn walk_against(
 ) -> Result<(f64, bool), BakeError> {
     let geometry = request.geometry();
     let seconds = |effort| counts_of_walk(request, transport, effort).seconds(geometry);
-    for probed in [None, Some(FEW_SCOUTS)] {
+    let probe = (transport.layers() > SHALLOW).then_some(Some(FEW_SCOUTS));
+    for probed in std::iter::once(None).chain(probe) {
         let least = seconds(sampling::least_effort(request, probed)?);
         if least >= by_doubling {
             return Ok((least, false));
         }
     }
-    let few = seconds(sampling::scout(request, accuracy, FEW_SCOUTS)?);
+    let beyond_doubt = |effort| by_doubling > BEYOND_DOUBT * seconds(effort);
+    let few = seconds(sampling::scout(request, accuracy, FEW_SCOUTS, beyond_doubt)?);
     let clear = few > CLEAR * by_doubling || by_doubling > CLEAR * few;
     if clear || request.incident_deg.len() <= FEW_SCOUTS {
         return Ok((few, true));
     }
-    Ok((seconds(sampling::scout(request, accuracy, SCOUTS)?), true))
+    Ok((seconds(sampling::scout(request, accuracy, SCOUTS, |_| false)?), true))
 }
 
 /// What either solver would do for a request that both can answer.
@@ -167,7 +173,7 @@ pub fn counts(request: &Request) -> Result<Counts, BakeError> {
         return Err(BakeError::Input(super::NO_PATHS.to_owned()));
     };
     let transport = request.transport()?;
-    let effort = sampling::scout(request, percent / 100.0, SCOUTS)?;
+    let effort = sampling::scout(request, percent / 100.0, SCOUTS, |_| false)?;
     let doubling = counts_of_doubling(request, &transport, percent / 100.0);
     let walk = counts_of_walk(request, &transport, effort);
     Ok(Counts { doubling: doubling.solver, rows: doubling.rows, walk: walk.own, beside_walk: walk.beside })

@@ -340,27 +340,35 @@ impl Sampling {
         self.walk_to(&targets, observer)
     }
 
-    /// Scouts: a few paths, and up to a pilot's where few come back.
+    /// The first scouts: a few paths.
     fn walk_scouts(&mut self) -> Result<(), BakeError> {
-        let idle = Observer::idle();
-        let tasks = |from: u64, to: &[u64]| -> Vec<Task> {
-            let lobes = to.iter().enumerate().filter(|(_, to)| **to > from);
-            lobes.map(|(lobe, &to)| Task { lobe, from, to }).collect()
-        };
-        let first = vec![SCOUT_PATHS; self.lobes()];
-        self.walk_slice(&tasks(0, &first), 0.0, &self.spreads.clone(), &idle)?;
-        let more: Vec<u64> = self
-            .state
-            .tallies
-            .iter()
-            .map(|tally| {
-                let times = SCOUTS_BACK.div_ceil(tally.reflected_paths().max(1));
-                (times * SCOUT_PATHS).min(PILOT)
-            })
-            .collect();
-        self.walk_slice(&tasks(SCOUT_PATHS, &more), 0.0, &self.spreads.clone(), &idle)?;
+        let lobes = 0..self.lobes();
+        let tasks: Vec<Task> = lobes.map(|lobe| Task { lobe, from: 0, to: SCOUT_PATHS }).collect();
+        self.walk_slice(&tasks, 0.0, &self.spreads.clone(), &Observer::idle())
+    }
+
+    /// More of them, up to a pilot's, where few came back.
+    fn walk_more_scouts(&mut self) -> Result<(), BakeError> {
+        let more = self.state.tallies.iter().enumerate().map(|(lobe, tally)| {
+            let times = SCOUTS_BACK.div_ceil(tally.reflected_paths().max(1));
+            Task { lobe, from: SCOUT_PATHS, to: (times * SCOUT_PATHS).min(PILOT) }
+        });
+        let tasks: Vec<Task> = more.filter(|task| task.to > task.from).collect();
+        self.walk_slice(&tasks, 0.0, &self.spreads.clone(), &Observer::idle())?;
         self.refresh_spreads();
         Ok(())
+    }
+
+    /// What a walk to `accuracy` has to do, from the paths walked so far at some of `among` incidences.
+    fn effort(&self, accuracy: f64) -> Effort {
+        let share = self.among as f64 / self.theta_i.len() as f64;
+        let mut effort = Effort { crossings: 0.0, paths: 0.0 };
+        for (tally, target) in self.state.tallies.iter().zip(self.targets_for_accuracy(accuracy)) {
+            let paths = share * target.max(PILOT) as f64;
+            effort.paths += paths;
+            effort.crossings += paths * tally.crossings as f64 / tally.paths as f64;
+        }
+        effort
     }
 
     fn crossings(&self) -> u64 {
@@ -524,23 +532,26 @@ pub(super) struct Effort {
 }
 
 /// What a walk to `accuracy` (a share) has to do at the recipe's own wavelength, from a few thousand paths at up to `scouts`
-/// incidences: counts of seeded paths, so the same anywhere; good to about a quarter, and done in milliseconds.
-pub(super) fn scout(request: &Request, accuracy: f64, scouts: usize) -> Result<Effort, BakeError> {
-    let angles = &request.incident_deg;
-    let few = spread_out(angles, scouts);
-    let share = angles.len() as f64 / few.len() as f64;
+/// incidences: counts of seeded paths, so the same anywhere; good to about a quarter, and done in milliseconds. To a factor of
+/// a few, and done sooner, where `enough` says that this will do.
+pub(super) fn scout(
+    request: &Request,
+    accuracy: f64,
+    scouts: usize,
+    enough: impl Fn(Effort) -> bool,
+) -> Result<Effort, BakeError> {
+    let few = spread_out(&request.incident_deg, scouts);
     let effects = request.effects.without(Effect::Dispersion);
     let scouted = Request { incident_deg: few, effects, ..request.clone() };
     let (mut sampling, _) = scouted.sampling(Shard::WHOLE)?;
-    sampling.among = angles.len();
+    sampling.among = request.incident_deg.len();
     sampling.walk_scouts()?;
-    let mut effort = Effort { crossings: 0.0, paths: 0.0 };
-    for (tally, target) in sampling.state.tallies.iter().zip(sampling.targets_for_accuracy(accuracy)) {
-        let paths = share * target.max(PILOT) as f64;
-        effort.paths += paths;
-        effort.crossings += paths * tally.crossings as f64 / tally.paths as f64;
+    let rough = sampling.effort(accuracy);
+    if enough(rough) {
+        return Ok(rough);
     }
-    Ok(effort)
+    sampling.walk_more_scouts()?;
+    Ok(sampling.effort(accuracy))
 }
 
 /// What a walk to any accuracy at least has to do: its pilot. With one crossing a path, or half of the crossings that a few
@@ -564,4 +575,34 @@ pub(super) fn least_effort(request: &Request, probed: Option<usize>) -> Result<E
 fn spread_out(angles: &[f64], count: usize) -> Vec<f64> {
     let count = count.clamp(1, angles.len());
     (0..count).map(|part| angles[(2 * part + 1) * angles.len() / (2 * count)]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recipe::{AzimuthMode, Recipe};
+
+    /// The choice takes a rough effort only where ten times as much would choose alike.
+    #[test]
+    fn the_first_scouts_know_the_effort_to_a_factor_of_three() {
+        for (layers, sigma_deg) in [(2, 0.9), (12, 0.6), (60, 1.5), (500, 3.0)] {
+            let text = format!(
+                r#"{{"schema": "pearl-recipe/1", "stack": {{"layers": {layers}}}, "facets": {{"slope_sd_deg": {sigma_deg}}}}}"#
+            );
+            for mode in [AzimuthMode::Decay, AzimuthMode::Walk] {
+                let mut recipe = Recipe::from_json(&text).unwrap();
+                recipe.azimuth.mode = mode;
+                let request = Request {
+                    incident_deg: vec![30.0],
+                    ..Request::new(recipe, Target::AccuracyPercent(2.0))
+                };
+                let crossings = |enough: bool| scout(&request, 0.02, 1, |_| enough).unwrap().crossings;
+                let ratio = crossings(true) / crossings(false);
+                assert!(
+                    (1.0 / 3.0..3.0).contains(&ratio),
+                    "{layers} layers, {sigma_deg}°, {mode:?}: {ratio}"
+                );
+            }
+        }
+    }
 }
