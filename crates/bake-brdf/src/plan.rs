@@ -2,7 +2,7 @@
 //!
 //! Pearls of one recipe share a table that holds what any of them shows.
 
-use crate::bake::{self, BakeError, Observer, Request, SolverChoice, Target};
+use crate::bake::{self, BakeError, Bands, Observer, Request, SolverChoice, Target};
 use crate::effects::{Asked, Decisions, Effect, EffectError, EffectSet, View};
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::scene::Scene;
@@ -75,6 +75,8 @@ pub struct PlannedPearl {
 pub struct PlannedTable {
     /// What is baked.
     pub request: Request,
+    /// Where its lobe is solved.
+    pub bands: Bands,
     /// Who solves.
     pub solver: SolverChoice,
     /// What it costs in all.
@@ -141,6 +143,7 @@ impl Plan {
                 match plan.tables.get_mut(index) {
                     Some(table) => table.request.effects = table.request.effects.union(set),
                     None => plan.tables.push(PlannedTable {
+                        bands: Bands::own(&pearl.recipe),
                         request: terms.request(pearl.recipe.clone(), set),
                         solver: SolverChoice::Walk,
                         cost: Cost::default(),
@@ -160,8 +163,9 @@ impl Plan {
                 PlanError::Bake(place, error)
             };
             table.request.check().map_err(named)?;
-            table.solver = solver(&table.request, terms.solver).map_err(named)?;
-            let costs = costs(&table.request, table.solver).map_err(named)?;
+            table.bands = table.request.bands().map_err(named)?;
+            table.solver = solver(&table.request, &table.bands, terms.solver).map_err(named)?;
+            let costs = costs(&table.request, &table.bands, table.solver).map_err(named)?;
             table.cost = costs.iter().copied().fold(Cost::default(), |sum, cost| sum + cost);
             // Each effect is paid for once, by the first pearl that shows it.
             let mut left = costs;
@@ -240,9 +244,15 @@ impl Terms {
 ///
 /// # Errors
 /// A bad request.
-pub fn solver(request: &Request, choice: Option<SolverChoice>) -> Result<SolverChoice, BakeError> {
+pub fn solver(
+    request: &Request,
+    bands: &Bands,
+    choice: Option<SolverChoice>,
+) -> Result<SolverChoice, BakeError> {
     match choice {
-        Some(SolverChoice::Auto) if request.effects.has_lobe() => Ok(bake::choose_solver(request)?.0),
+        Some(SolverChoice::Auto) if request.effects.has_lobe() => {
+            Ok(bake::choose_solver_at(request, bands)?.0)
+        }
         Some(SolverChoice::Walk) => Ok(SolverChoice::Walk),
         Some(SolverChoice::Doubling) => Ok(SolverChoice::Doubling),
         _ if !request.effects.contains(Effect::Blur)
@@ -259,7 +269,7 @@ pub fn solver(request: &Request, choice: Option<SolverChoice>) -> Result<SolverC
 ///
 /// # Errors
 /// As the bake's own checks.
-pub fn costs(request: &Request, solver: SolverChoice) -> Result<[Cost; 12], BakeError> {
+pub fn costs(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<[Cost; 12], BakeError> {
     let mut costs = [Cost::default(); 12];
     let set = request.effects;
     let file = Cost { seconds: OVERHEAD_SECONDS, bytes: HEADER_BYTES };
@@ -267,10 +277,10 @@ pub fn costs(request: &Request, solver: SolverChoice) -> Result<[Cost; 12], Bake
     costs[body as usize] = file;
     interference_costs(request, &mut costs);
     if set.has_lobe() {
-        let whole = lobe_cost(request, solver)?;
+        let whole = lobe_cost(request, bands, solver)?;
         let mut left = whole;
         let mut take = |effect: Effect, without: Request| {
-            let without = lobe_cost(&without, solver)?;
+            let without = lobe_cost(&without, &without.bands()?, solver)?;
             let part = Cost {
                 seconds: (whole.seconds - without.seconds).clamp(0.0, left.seconds),
                 bytes: whole.bytes.saturating_sub(without.bytes).min(left.bytes),
@@ -335,11 +345,11 @@ const WALK_CELL_BYTES: f64 = 22.0;
 const DOUBLING_CELL_BYTES: f64 = 25.0;
 
 /// What the lobe costs: the walk from a pilot, doubling from its operation count.
-fn lobe_cost(request: &Request, solver: SolverChoice) -> Result<Cost, BakeError> {
-    let forecast = bake::forecast_of(request, solver, &Observer::idle())?;
+fn lobe_cost(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<Cost, BakeError> {
+    let forecast = bake::forecast_at(request, bands, solver, &Observer::idle())?;
     let cells = forecast.cells as f64;
     let each = if solver == SolverChoice::Doubling { DOUBLING_CELL_BYTES } else { WALK_CELL_BYTES };
     let bytes = INCIDENCE_BYTES * request.incident_deg.len() as u64 + (cells * each) as u64;
-    let rows = ROW_SECONDS * request.incident_deg.len() as f64 / rayon::current_num_threads() as f64;
+    let rows = ROW_SECONDS * forecast.rows as f64 / rayon::current_num_threads() as f64;
     Ok(Cost { seconds: forecast.seconds + rows, bytes })
 }

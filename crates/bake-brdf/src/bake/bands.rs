@@ -26,6 +26,10 @@ const FINER: f64 = 0.25;
 const CHEAP_SHARES: [f64; 2] = [1e-4, 5e-3];
 /// Seconds of one core that one cheap solution may take.
 const AFFORDABLE: f64 = 0.1;
+/// Seconds of one core that a cheap solution takes beside its doubling (its lobes become cells), and a layer of the smooth
+/// stack at an incidence.
+const SOLVED_SECONDS: f64 = 2e-3;
+const SMOOTH_SECONDS: f64 = 1e-7;
 /// Wavelengths over which the shares of sRGB's channels are summed.
 const COLOUR_SAMPLES: usize = 801;
 
@@ -91,18 +95,20 @@ impl Request {
     /// # Errors
     /// Optical constants that a wavelength of the visible range does not have.
     pub fn bands(&self) -> Result<Bands, BakeError> {
-        if !(self.effects.contains(Effect::Dispersion) && self.effects.has_lobe()) {
+        if !self.is_dispersed() {
             return Ok(Bands::own(&self.recipe));
         }
-        let share = match self.target {
-            Target::AccuracyPercent(percent) => percent / 100.0,
-            Target::Paths(_) | Target::Time(_) => DEFAULT_SHARE,
-        };
+        let share = chosen_to(self.target);
         let settings = cheap_settings(&self.transport()?, share);
         match chosen(self, share, settings.as_ref()) {
             Err(BakeError::Doubling(_)) => chosen(self, share, None),
             bands => bands,
         }
+    }
+
+    /// Whether the lobe may be solved at more than one wavelength.
+    fn is_dispersed(&self) -> bool {
+        self.effects.contains(Effect::Dispersion) && self.effects.has_lobe()
     }
 
     /// The same request at a wavelength, nm.
@@ -112,6 +118,29 @@ impl Request {
         request.recipe.light.wavelength_nm = nm;
         request
     }
+}
+
+/// Accuracy by which bands are chosen, a share.
+const fn chosen_to(target: Target) -> f64 {
+    match target {
+        Target::AccuracyPercent(percent) => percent / 100.0,
+        Target::Paths(_) | Target::Time(_) => DEFAULT_SHARE,
+    }
+}
+
+/// Seconds of one core that [`Request::bands`] takes.
+pub(super) fn seconds_to_choose(request: &Request) -> Result<f64, BakeError> {
+    if !request.is_dispersed() {
+        return Ok(0.0);
+    }
+    let transport = request.transport()?;
+    let each = match cheap_settings(&transport, chosen_to(request.target)) {
+        Some(settings) => {
+            SOLVED_SECONDS + settings.cost(&transport, Geometry::Plane, ANGLES_DEG.len()).seconds
+        }
+        None => SMOOTH_SECONDS * (ANGLES_DEG.len() * transport.layers()) as f64,
+    };
+    Ok(each * looked_at(request).len() as f64)
 }
 
 /// Settings of the cheap doubling, or none where the smooth stack has to do.

@@ -9,7 +9,9 @@
 
 use super::halfway::{self, Auxiliary};
 use super::sampling::Effort;
-use super::{BakeError, COARSEST_DOUBLING, Request, SolverChoice, Target, exit_axis, sampling, walk_only};
+use super::{
+    BakeError, Bands, COARSEST_DOUBLING, Request, SolverChoice, Target, exit_axis, sampling, walk_only,
+};
 use lut_io::axis::ExitAxis;
 use transport::doubling::{DoublingError, OPERATIONS, Settings, prices};
 use transport::walk::lanes::Precision;
@@ -86,10 +88,7 @@ struct WalkCounts {
 impl WalkCounts {
     /// Seconds of one core.
     fn seconds(&self, geometry: Geometry) -> f64 {
-        let (solver, rows) = self.beside.split_at(OPERATIONS.len());
-        dot(&self.own, &walk_prices(geometry))
-            + dot(solver, &prices(geometry))
-            + dot(rows, &row_prices(geometry))
+        dot(&self.own, &walk_prices(geometry)) + beside_seconds(geometry, &self.beside)
     }
 }
 
@@ -108,6 +107,15 @@ fn dot(counts: &[f64], prices: &[f64]) -> f64 {
 /// A bad request.
 pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeError> {
     request.check()?;
+    choose_solver_at(request, &request.bands()?)
+}
+
+/// [`choose_solver`] at bands that are chosen already ([`Request::bands`]).
+///
+/// # Errors
+/// A bad request.
+pub fn choose_solver_at(request: &Request, bands: &Bands) -> Result<(SolverChoice, String), BakeError> {
+    request.check()?;
     let Target::AccuracyPercent(percent) = request.target else {
         let reason = "paths or a time budget were asked for, which only the walk has".to_owned();
         return Ok((SolverChoice::Walk, reason));
@@ -124,7 +132,7 @@ pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeEr
     if let Err(why) = check_doubling(request, &transport, percent / 100.0) {
         return Ok((SolverChoice::Walk, format!("doubling is out of reach here: {why}")));
     }
-    let bands = (1 + request.bands()?.further_nm.len()) as f64;
+    let bands = (1 + bands.further_nm.len()) as f64;
     let by_doubling = bands * counts_of_doubling(request, &transport, percent / 100.0).seconds(geometry);
     let (by_walk, exact) = walk_against(request, &transport, percent / 100.0, by_doubling / bands)?;
     let by_walk = bands * by_walk;
@@ -190,21 +198,40 @@ fn counts_of_doubling(request: &Request, transport: &Transport, accuracy: f64) -
 }
 
 fn counts_of_walk(request: &Request, transport: &Transport, effort: Effort) -> WalkCounts {
-    let geometry = request.geometry();
-    let axis = exit_axis(geometry, transport.facets.slope_sd);
-    let auxiliary = Auxiliary::of(transport, geometry, &request.theta_i(), effort.crossings);
-    let mut beside = [0.0; OPERATIONS.len() + ROWS.len()];
-    if let Some(auxiliary) = auxiliary {
-        let (solver, rows) = beside.split_at_mut(OPERATIONS.len());
-        solver.copy_from_slice(&auxiliary.cost.counts);
-        rows.copy_from_slice(&row_counts(&axis, &auxiliary.settings, auxiliary.incidences()));
-    }
+    let beside = counts_beside_walk(request, transport, effort.crossings);
     let own = [
         crossing_weight(request, transport) * effort.crossings,
         effort.paths,
         request.incident_deg.len() as f64,
     ];
     WalkCounts { own, beside }
+}
+
+/// [`OPERATIONS`] and [`ROWS`] of the doubling that measures a walk of so many crossings half-way between incidences.
+fn counts_beside_walk(
+    request: &Request,
+    transport: &Transport,
+    crossings: f64,
+) -> [f64; OPERATIONS.len() + ROWS.len()] {
+    let geometry = request.geometry();
+    let axis = exit_axis(geometry, transport.facets.slope_sd);
+    let mut beside = [0.0; OPERATIONS.len() + ROWS.len()];
+    if let Some(auxiliary) = Auxiliary::of(transport, geometry, &request.theta_i(), crossings) {
+        let (solver, rows) = beside.split_at_mut(OPERATIONS.len());
+        solver.copy_from_slice(&auxiliary.cost.counts);
+        rows.copy_from_slice(&row_counts(&axis, &auxiliary.settings, auxiliary.incidences()));
+    }
+    beside
+}
+
+/// Seconds of one core that measuring a walk of so many crossings half-way between incidences takes.
+pub(super) fn seconds_beside_walk(request: &Request, transport: &Transport, crossings: f64) -> f64 {
+    beside_seconds(request.geometry(), &counts_beside_walk(request, transport, crossings))
+}
+
+fn beside_seconds(geometry: Geometry, beside: &[f64]) -> f64 {
+    let (solver, rows) = beside.split_at(OPERATIONS.len());
+    solver_seconds(geometry, solver) + dot(rows, &row_prices(geometry))
 }
 
 /// The settings that doubling starts with.

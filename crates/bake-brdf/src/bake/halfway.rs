@@ -200,6 +200,9 @@ impl Auxiliary {
         theta_i: &[f64],
         crossings: f64,
     ) -> Option<Self> {
+        if super::walk_only(transport).is_some() {
+            return None;
+        }
         let intervals = intervals(theta_i);
         let mut nodes: Vec<usize> = intervals.iter().flat_map(|&i| [i, i + 1]).collect();
         nodes.dedup();

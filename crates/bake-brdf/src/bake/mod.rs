@@ -10,7 +10,7 @@ mod second_side;
 pub mod snapshot;
 
 pub use bands::Bands;
-pub use choice::{Counts, ROWS, WALKED, choose_solver, counts};
+pub use choice::{Counts, ROWS, WALKED, choose_solver, choose_solver_at, counts};
 
 use crate::effects::{Decisions, Effect, EffectSet, View};
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
@@ -283,11 +283,13 @@ impl Request {
 
     pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Lobes), BakeError> {
         self.check()?;
-        // First of all what is wrong at the recipe's own wavelength.
-        let own = self.transport()?;
-        let bands = self.bands()?;
-        let further = bands.further_nm.iter().map(|nm| self.at_wavelength(*nm).transport());
-        let transports: Vec<Transport> = std::iter::once(Ok(own)).chain(further).collect::<Result<_, _>>()?;
+        self.sampling_at(&self.bands()?, shard)
+    }
+
+    /// [`Self::sampling`] at bands that are chosen already.
+    fn sampling_at(&self, bands: &Bands, shard: Shard) -> Result<(Sampling, Lobes), BakeError> {
+        self.check()?;
+        let transports = self.transports(bands)?;
         let geometry = self.geometry();
         let axis = exit_axis(geometry, self.recipe.facets.slope_sd_deg.to_radians());
         let sampling = Sampling::new(
@@ -301,7 +303,12 @@ impl Request {
             self.precision,
             shard,
         )?;
-        Ok((sampling, Lobes { bands, transports, axis }))
+        Ok((sampling, Lobes { bands: bands.clone(), transports, axis }))
+    }
+
+    /// The transport problem at each band, the recipe's own wavelength first.
+    fn transports(&self, bands: &Bands) -> Result<Vec<Transport>, BakeError> {
+        bands.all_nm().map(|nm| self.at_wavelength(nm).transport()).collect()
     }
 }
 
@@ -369,6 +376,18 @@ pub enum Sides {
 /// # Errors
 /// A request for paths or time, or a problem out of the solver's reach; the message says what would do.
 pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
+    if request.effects.has_lobe() {
+        // Before bands are chosen, so that a refusal comes before the work.
+        doubled_percent(request)?;
+    }
+    doubling_at(request, &request.bands()?, sides)
+}
+
+/// [`doubling()`] at bands that are chosen already ([`Request::bands`]): choosing them takes as long as solving a few.
+///
+/// # Errors
+/// As [`doubling()`].
+pub fn doubling_at(request: &Request, bands: &Bands, sides: Sides) -> Result<Table, BakeError> {
     if !request.effects.has_lobe() && sides == Sides::Both {
         let line = "both-sides: the effects leave no lobe, expected surface or blur among them";
         return Err(BakeError::Input(line.to_owned()));
@@ -376,6 +395,26 @@ pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
     if !request.effects.has_lobe() {
         return coloured(request, lobeless(request)?, &request.colours()?);
     }
+    let percent = doubled_percent(request)?;
+    let transport = request.transport()?;
+    if sides == Sides::Both && !bands.further_nm.is_empty() {
+        let line = "both-sides: holds one wavelength, expected --effects without dispersion";
+        return Err(BakeError::Input(line.to_owned()));
+    }
+    // Before the lobe, so that a refusal comes before the work.
+    let colours = request.colours()?;
+    let further = bands.further_nm.iter().map(|nm| request.at_wavelength(*nm));
+    let further: Result<Vec<Table>, BakeError> =
+        further.map(|request| doubled(&request, &request.transport()?, percent, sides)).collect();
+    let table = doubled(request, &transport, percent, sides)?;
+    coloured(request, assemble::joined(table, further?, bands)?, &colours)
+}
+
+/// The accuracy, per cent, to which a request is solved by doubling.
+///
+/// # Errors
+/// A request that doubling refuses before it begins.
+fn doubled_percent(request: &Request) -> Result<f64, BakeError> {
     request.check()?;
     let Target::AccuracyPercent(percent) = request.target else {
         return Err(BakeError::Input(NO_PATHS.to_owned()));
@@ -387,18 +426,7 @@ pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
     if transport.facets.slope_sd > 0.0 {
         choice::check_doubling(request, &transport, percent / 100.0)?;
     }
-    let bands = request.bands()?;
-    if sides == Sides::Both && !bands.further_nm.is_empty() {
-        let line = "both-sides: holds one wavelength, expected --effects without dispersion";
-        return Err(BakeError::Input(line.to_owned()));
-    }
-    // Before the lobe, so that a refusal comes before the work.
-    let colours = request.colours()?;
-    let further = bands.further_nm.iter().map(|nm| request.at_wavelength(*nm));
-    let further: Result<Vec<Table>, BakeError> =
-        further.map(|request| doubled(&request, &request.transport()?, percent, sides)).collect();
-    let table = doubled(request, &transport, percent, sides)?;
-    coloured(request, assemble::joined(table, further?, &bands)?, &colours)
+    Ok(percent)
 }
 
 /// The table of one wavelength, without colours.
@@ -448,10 +476,23 @@ pub fn walk(
     observer: &Observer<'_>,
     resume: Option<Snapshot>,
 ) -> Result<Table, BakeError> {
+    walk_at(request, &request.bands()?, observer, resume)
+}
+
+/// [`walk()`] at bands that are chosen already ([`Request::bands`]).
+///
+/// # Errors
+/// As [`walk()`].
+pub fn walk_at(
+    request: &Request,
+    bands: &Bands,
+    observer: &Observer<'_>,
+    resume: Option<Snapshot>,
+) -> Result<Table, BakeError> {
     if !request.effects.has_lobe() {
         return coloured(request, lobeless(request)?, &request.colours()?);
     }
-    let (mut sampling, lobes) = request.sampling(Shard::WHOLE)?;
+    let (mut sampling, lobes) = request.sampling_at(bands, Shard::WHOLE)?;
     // Before the lobe, so that a refusal comes before the work.
     let colours = request.colours()?;
     let result = walk_target(request, &mut sampling, observer, resume);
@@ -523,7 +564,7 @@ fn walk_target(
     }
 }
 
-/// What a bake would cost, from a pilot of a few thousand paths per incidence.
+/// What the lobes of a bake would cost, beside making rows of the table and colours.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Forecast {
     /// Seconds of wall-clock time with the threads in use.
@@ -532,59 +573,64 @@ pub struct Forecast {
     pub paths: u64,
     /// Bytes of the table before compression.
     pub bytes: u64,
-    /// Cells over all incidences.
+    /// Cells over all incidences and bands.
     pub cells: u64,
+    /// Rows of the table: incidences times bands.
+    pub rows: u64,
 }
 
-/// Predicts the cost of a bake without doing it.
+/// Predicts the cost of a walk without doing it, from a pilot of a few thousand paths at some incidences.
 ///
 /// # Errors
 /// As [`walk`].
 pub fn forecast(request: &Request, observer: &Observer<'_>) -> Result<Forecast, BakeError> {
-    if !request.effects.has_lobe() {
-        return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0, cells: 0 });
-    }
-    let (mut sampling, lobes) = request.sampling(Shard::WHOLE)?;
-    let (seconds, paths) = sampling.forecast(request.target, observer)?;
-    let cells = (lobes.axis.cells() * request.incident_deg.len() * lobes.transports.len()) as u64;
-    // Three components of value, error and count, and four coordinates, four bytes each.
-    Ok(Forecast { seconds, paths, bytes: cells * 13 * 4, cells })
+    request.check()?;
+    forecast_at(request, &request.bands()?, SolverChoice::Walk, observer)
 }
 
-/// Predicts the cost of a bake by a solver: the walk's from a pilot, doubling's from its operation count.
+/// Predicts the cost of a bake by a solver at bands that are chosen already: the walk's from a pilot, doubling's from its
+/// operation count; choosing the bands is counted in.
 ///
 /// # Errors
 /// As [`walk()`] and [`doubling()`].
-pub fn forecast_of(
+pub fn forecast_at(
     request: &Request,
+    bands: &Bands,
     solver: SolverChoice,
     observer: &Observer<'_>,
 ) -> Result<Forecast, BakeError> {
-    if solver != SolverChoice::Doubling || !request.effects.has_lobe() {
-        return forecast(request, observer);
+    if !request.effects.has_lobe() {
+        return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0, cells: 0, rows: 0 });
     }
-    let transport = request.transport()?;
-    let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
-    let bands = 1 + request.bands()?.further_nm.len();
-    let cells = (axis.cells() * request.incident_deg.len() * bands) as u64;
-    let seconds = bands as f64 * doubling_seconds(request, &transport)?;
-    Ok(Forecast { seconds, paths: 0, bytes: cells * 13 * 4, cells })
+    let transports = request.transports(bands)?;
+    let axis = exit_axis(request.geometry(), transports[0].facets.slope_sd);
+    let rows = (request.incident_deg.len() * transports.len()) as u64;
+    let cells = axis.cells() as u64 * rows;
+    let threads = rayon::current_num_threads() as f64;
+    let (solved, paths) = if solver == SolverChoice::Doubling {
+        doubled_percent(request)?;
+        (doubling_seconds(request, &transports) / threads, 0)
+    } else {
+        let walk = sampling::forecast(request, bands, observer)?;
+        let beside = transports.iter().zip(&walk.crossings);
+        let beside = beside.map(|(transport, &each)| choice::seconds_beside_walk(request, transport, each));
+        (walk.seconds + beside.sum::<f64>() / threads, walk.paths)
+    };
+    let seconds = solved + bands::seconds_to_choose(request)? / threads;
+    // Three components of value, error and count, and four coordinates, four bytes each.
+    Ok(Forecast { seconds, paths, bytes: cells * 13 * 4, cells, rows })
 }
 
-/// Wall-clock seconds that doubling takes to the accuracy of a request.
-fn doubling_seconds(request: &Request, transport: &Transport) -> Result<f64, BakeError> {
-    let Target::AccuracyPercent(percent) = request.target else {
-        return Err(BakeError::Input(NO_PATHS.to_owned()));
-    };
-    if let Some(why) = walk_only(transport) {
-        return Err(BakeError::Input(format!("solver doubling: {why}; use --solver walk or auto")));
-    }
-    if transport.facets.slope_sd == 0.0 {
-        return Ok(0.0); // a closed form
-    }
-    choice::check_doubling(request, transport, percent / 100.0)?;
-    let counts = choice::doubling_counts(request, transport, percent / 100.0);
-    Ok(choice::solver_seconds(request.geometry(), &counts) / rayon::current_num_threads() as f64)
+/// Seconds of one core that doubling takes over all bands to the accuracy of a request.
+fn doubling_seconds(request: &Request, transports: &[Transport]) -> f64 {
+    let Target::AccuracyPercent(percent) = request.target else { return 0.0 };
+    let rough = transports.iter().filter(|transport| transport.facets.slope_sd > 0.0); // else a closed form
+    rough
+        .map(|transport| {
+            let counts = choice::doubling_counts(request, transport, percent / 100.0);
+            choice::solver_seconds(request.geometry(), &counts)
+        })
+        .sum()
 }
 
 const NO_PATHS: &str = "doubling walks no paths: give it --accuracy, not --paths or --time-budget";

@@ -1,7 +1,7 @@
 //! The Monte Carlo side of a bake: which paths are walked, by whom, and when it is enough.
 
 use super::assemble::azimuth_width_deg;
-use super::{BakeError, Observer, Progress, Request, Target};
+use super::{BakeError, Bands, Observer, Progress, Request, Target};
 use crate::effects::Effect;
 use crate::tally::{CHUNK, Cells, Tally};
 use lut_io::axis::ExitAxis;
@@ -23,6 +23,9 @@ const PILOT: u64 = 2 * CHUNK;
 /// of fewer hides how wide it is, and with it how many it needs.
 const SCOUT_PATHS: u64 = 1024;
 const SCOUTS_BACK: u64 = 400;
+/// Incidences of the pilot of a forecast, and tasks of it for each thread: a last one that runs alone matters little.
+const FORECAST_INCIDENCES: usize = 8;
+const TASKS_A_THREAD: usize = 8;
 /// Paths per incidence that say how deep a stack is.
 const PROBE_PATHS: u64 = 64;
 /// Longest time between two states that can be kept or stopped at.
@@ -265,19 +268,21 @@ impl Sampling {
         Ok(())
     }
 
-    /// Seconds and paths that a bake to `target` takes in all, from a pilot that this walks.
-    ///
-    /// # Errors
-    /// The observer asked to stop.
-    pub fn forecast(&mut self, target: Target, observer: &Observer<'_>) -> Result<(f64, u64), BakeError> {
-        self.walk_pilot(PILOT, observer)?;
+    /// What walking these lobes to `target` takes in all, from a pilot that this walks; a time is that of these lobes.
+    fn forecast(&mut self, target: Target, observer: &Observer<'_>) -> Result<Forecast, BakeError> {
+        let pilot = if let Target::Paths(paths) = target { paths.min(PILOT) } else { PILOT };
+        self.walk_pilot(pilot, observer)?;
         let targets: Vec<u64> = match target {
             Target::AccuracyPercent(percent) => self.targets_for_accuracy(percent / 100.0),
             Target::Paths(paths) => vec![paths; self.lobes()],
             Target::Time(budget) => self.targets_for_seconds(budget.as_secs_f64()),
         };
-        let seconds = self.seconds() + self.seconds_to(&targets);
-        Ok((seconds, targets.iter().fold(0, |sum: u64, &paths| sum.saturating_add(paths))))
+        let crossings: Vec<f64> = self.state.tallies.iter().zip(&targets).map(crossings_of).collect();
+        Ok(Forecast {
+            seconds: self.seconds() + self.seconds_to(&targets),
+            paths: targets.iter().fold(0, |sum: u64, &paths| sum.saturating_add(paths)),
+            crossings: crossings.chunks(self.theta_i.len()).map(|band| band.iter().sum()).collect(),
+        })
     }
 
     /// Arithmetic that the walk uses, `f32` or `f64`.
@@ -520,6 +525,47 @@ fn paths_for(paths: u64, bound: f64, accuracy: f64) -> u64 {
     let chunks = (paths as f64 * factor / CHUNK as f64).ceil();
     // Casts of floats saturate.
     (chunks as u64).saturating_mul(CHUNK)
+}
+
+/// Crossings of so many paths, at the rate of those tallied.
+fn crossings_of((tally, &paths): (&Tally, &u64)) -> f64 {
+    paths as f64 * tally.crossings as f64 / tally.paths.max(1) as f64
+}
+
+/// What a walk is expected to take.
+pub(super) struct Forecast {
+    /// Seconds by the clock, with the threads in use.
+    pub(super) seconds: f64,
+    /// Paths over all lobes.
+    pub(super) paths: u64,
+    /// Facets met, by band.
+    pub(super) crossings: Vec<f64>,
+}
+
+/// What the walk of a request takes, from a pilot of every band at [`FORECAST_INCIDENCES`] incidences, more where that leaves
+/// threads without a task.
+pub(super) fn forecast(
+    request: &Request,
+    bands: &Bands,
+    observer: &Observer<'_>,
+) -> Result<Forecast, BakeError> {
+    let angles = &request.incident_deg;
+    let busy = (TASKS_A_THREAD * rayon::current_num_threads()).div_ceil(bands.all_nm().count());
+    let few = spread_out(angles, busy.max(FORECAST_INCIDENCES));
+    let share = angles.len() as f64 / few.len() as f64;
+    let piloted = Request { incident_deg: few, ..request.clone() };
+    let (mut sampling, _) = piloted.sampling_at(bands, Shard::WHOLE)?;
+    sampling.among = angles.len();
+    let target = match request.target {
+        Target::Time(budget) => Target::Time(budget.div_f64(share)),
+        target => target,
+    };
+    let few = sampling.forecast(target, observer)?;
+    Ok(Forecast {
+        seconds: share * few.seconds,
+        paths: (share * few.paths as f64).round() as u64,
+        crossings: few.crossings.iter().map(|crossings| share * crossings).collect(),
+    })
 }
 
 /// What a walk has to do in all.

@@ -5,7 +5,7 @@ use super::plan::{SceneArgs, refuse, solver_name};
 use super::terms::{self, TermsArgs, recipe};
 use bake_brdf::bake::sampling::{Shard, State};
 use bake_brdf::bake::snapshot::{self, MOST_SHARDS, Snapshot};
-use bake_brdf::bake::{self, BakeError, Checkpoint, Observer, Progress, Request, Sides, SolverChoice};
+use bake_brdf::bake::{self, BakeError, Bands, Checkpoint, Observer, Progress, Request, Sides, SolverChoice};
 use bake_brdf::effects::View;
 use bake_brdf::plan::{self, Terms};
 use lut_io::table::{Solver, Table};
@@ -84,13 +84,11 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     let request = request(args, &terms)?;
     request.check().map_err(stop)?;
     let pool = manners.pool()?;
-    if args.reciprocal {
-        // Before anything is solved.
-        let bands = pool.install(|| request.bands()).map_err(stop)?;
-        bake::can_be_reciprocal(&bands).map_err(stop)?;
-    }
+    let bands = || pool.install(|| bands(&request, args.reciprocal));
     if args.dry_run {
-        return pool.install(|| dry_run(&request, choose(&terms, &request, manners)?, manners));
+        let bands = bands()?;
+        return pool
+            .install(|| dry_run(&request, &bands, choose(&terms, &request, &bands, manners)?, manners));
     }
     let shard = args.shard.as_deref().map(parse_shard).transpose()?;
     let output = args.output.clone().unwrap_or_else(|| match shard {
@@ -110,21 +108,32 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     let every = terms::budget("checkpoint-every", args.checkpoint_every)?;
     let kept =
         Kept { from_the_start: args.checkpoint, every, resume: args.resume, reciprocal: args.reciprocal };
+    let bands = bands()?;
     let table = pool.install(|| {
         if sides == Sides::Both {
-            return keep(bake::doubling(&request, sides).map_err(stop)?, &output, false);
+            return keep(bake::doubling_at(&request, &bands, sides).map_err(stop)?, &output, false);
         }
-        let solver = choose(&terms, &request, manners)?;
+        let solver = choose(&terms, &request, &bands, manners)?;
         if terms.solver == Some(SolverChoice::Auto) && solver == SolverChoice::Doubling {
-            return double_or_walk(&request, &output, kept, manners);
+            return double_or_walk(&request, &bands, &output, kept, manners);
         }
-        bake_to(&request, solver, &output, kept, manners)
+        bake_to(&request, &bands, solver, &output, kept, manners)
     })?;
     let seconds = started.elapsed().as_secs_f64();
     if manners.json {
         return terminal::print_json(&report(&table, &output, seconds));
     }
     terminal::print(&summary(&table, &output, seconds))
+}
+
+/// The wavelengths at which the lobe is solved.
+fn bands(request: &Request, reciprocal: bool) -> Result<Bands, Stop> {
+    let bands = request.bands().map_err(stop)?;
+    if reciprocal {
+        // Before anything is solved.
+        bake::can_be_reciprocal(&bands).map_err(stop)?;
+    }
+    Ok(bands)
 }
 
 /// Which sides were asked for; only doubling has both.
@@ -151,6 +160,7 @@ pub(super) struct Kept {
 /// Solves a request and writes the table; the checkpoint lies beside `output` until that is done.
 pub(super) fn bake_to(
     request: &Request,
+    bands: &Bands,
     solver: SolverChoice,
     output: &Path,
     kept: Kept,
@@ -161,12 +171,12 @@ pub(super) fn bake_to(
         if (kept.resume || kept.from_the_start) && !manners.quiet {
             say("doubling keeps no checkpoint and goes on from none; solving from the start");
         }
-        bake::doubling(request, Sides::Above).map_err(stop)?
+        bake::doubling_at(request, bands, Sides::Above).map_err(stop)?
     } else {
         // Only the walk has something to keep when it is interrupted; doubling just ends.
         manners::watch_for_interrupts()?;
         let resume = if kept.resume { keeper.load(manners)? } else { None };
-        watched(manners, Some(&keeper), |observer| bake::walk(request, observer, resume))?
+        watched(manners, Some(&keeper), |observer| bake::walk_at(request, bands, observer, resume))?
     };
     let table = keep(table, output, kept.reciprocal)?;
     keeper.remove();
@@ -174,13 +184,19 @@ pub(super) fn bake_to(
 }
 
 /// Doubling chosen by `auto`: where it does not reach what was asked for, the walk.
-fn double_or_walk(request: &Request, output: &Path, kept: Kept, manners: &Manners) -> Result<Table, Stop> {
-    match bake::doubling(request, Sides::Above) {
+fn double_or_walk(
+    request: &Request,
+    bands: &Bands,
+    output: &Path,
+    kept: Kept,
+    manners: &Manners,
+) -> Result<Table, Stop> {
+    match bake::doubling_at(request, bands, Sides::Above) {
         Err(why @ BakeError::Doubling(_)) => {
             if !manners.quiet {
                 say(&format!("{why}; walking instead"));
             }
-            bake_to(request, SolverChoice::Walk, output, kept, manners)
+            bake_to(request, bands, SolverChoice::Walk, output, kept, manners)
         }
         table => keep(table.map_err(stop)?, output, kept.reciprocal),
     }
@@ -193,15 +209,15 @@ fn keep(table: Table, output: &Path, reciprocal: bool) -> Result<Table, Stop> {
 }
 
 /// The solver asked for, or the cheaper one with the reason on stderr.
-fn choose(terms: &Terms, request: &Request, manners: &Manners) -> Result<SolverChoice, Stop> {
+fn choose(terms: &Terms, request: &Request, bands: &Bands, manners: &Manners) -> Result<SolverChoice, Stop> {
     if terms.solver == Some(SolverChoice::Auto) && request.effects.has_lobe() {
-        let (choice, reason) = bake::choose_solver(request).map_err(stop)?;
+        let (choice, reason) = bake::choose_solver_at(request, bands).map_err(stop)?;
         if !manners.quiet {
             say(&format!("solver {}: {reason}", solver_name(choice)));
         }
         return Ok(choice);
     }
-    plan::solver(request, terms.solver).map_err(stop)
+    plan::solver(request, bands, terms.solver).map_err(stop)
 }
 
 fn parse_shard(text: &str) -> Result<Shard, Stop> {
@@ -400,8 +416,8 @@ pub(super) fn say(line: &str) {
     eprintln!("bake-brdf: {line}");
 }
 
-fn dry_run(request: &Request, solver: SolverChoice, manners: &Manners) -> Outcome {
-    let forecast = bake::forecast_of(request, solver, &Observer::idle()).map_err(stop)?;
+fn dry_run(request: &Request, bands: &Bands, solver: SolverChoice, manners: &Manners) -> Outcome {
+    let forecast = bake::forecast_at(request, bands, solver, &Observer::idle()).map_err(stop)?;
     if manners.json {
         return terminal::print_json(&json!({
             "schema": "bake-forecast/1",

@@ -112,7 +112,7 @@ fn bake(table: &PlannedTable, folder: &Path, name: String, manners: &Manners) ->
             resume: false,
             reciprocal: false,
         };
-        bake_to(&table.request, table.solver, &path, kept, manners)?;
+        bake_to(&table.request, &table.bands, table.solver, &path, kept, manners)?;
     }
     let bytes = std::fs::metadata(&path).map_or(0, |data| data.len());
     Ok(Done { name, reused, seconds: started.elapsed().as_secs_f64(), bytes })

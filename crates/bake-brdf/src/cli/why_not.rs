@@ -4,7 +4,7 @@
 //! and its directional albedo stands for the surrounding.
 
 use super::bake::stop;
-use bake_brdf::bake::{self, Observer, Request, Sides, SolverChoice};
+use bake_brdf::bake::{self, Bands, Observer, Request, Sides, SolverChoice};
 use bake_brdf::effects::{self, Effect, EffectSet, View};
 use bake_brdf::plan::{self, Cost, Plan, PlannedPearl, Terms};
 use lut_io::table::Table;
@@ -136,9 +136,11 @@ impl Shown {
             effects
         };
         let request = terms.request(pearl.recipe.clone(), effects);
-        let solver = plan::solver(&request, terms.solver.or(Some(SolverChoice::Auto))).map_err(stop)?;
-        let costs = plan::costs(&request, solver).map_err(stop)?;
-        let table = baked(&request, solver)?;
+        let bands = request.bands().map_err(stop)?;
+        let solver = terms.solver.or(Some(SolverChoice::Auto));
+        let solver = plan::solver(&request, &bands, solver).map_err(stop)?;
+        let costs = plan::costs(&request, &bands, solver).map_err(stop)?;
+        let table = baked(&request, &bands, solver)?;
         let controls = controls(&pearl.view, effects, &table);
         let bsdf = PearlBsdf::from_table(table, controls).map_err(Stop::failure)?;
         Ok(Self {
@@ -148,10 +150,10 @@ impl Shown {
     }
 }
 
-fn baked(request: &Request, solver: SolverChoice) -> Result<Table, Stop> {
+fn baked(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<Table, Stop> {
     match solver {
-        SolverChoice::Doubling => bake::doubling(request, Sides::Above),
-        _ => bake::walk(request, &Observer::idle(), None),
+        SolverChoice::Doubling => bake::doubling_at(request, bands, Sides::Above),
+        _ => bake::walk_at(request, bands, &Observer::idle(), None),
     }
     .map_err(stop)
 }
