@@ -3,8 +3,8 @@
 #[path = "../../lut-io/tests/specimen/mod.rs"]
 mod specimen;
 
-use criterion::{Criterion, criterion_group, criterion_main};
-use pearl_bsdf::{Controls, Direction, PearlBsdf};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use pearl_bsdf::{Controls, Direction, Evaluation, PearlBsdf};
 use rand::{RngExt as _, SeedableRng as _};
 use std::hint::black_box;
 
@@ -37,6 +37,14 @@ fn bench(criterion: &mut Criterion) {
             b.iter(|| {
                 let k = next();
                 black_box(bsdf.eval(wi[k], wo[k]))
+            });
+        });
+        let mut values = vec![Evaluation::default(); wi.len()];
+        group.throughput(Throughput::Elements(1024));
+        group.bench_function("eval_many", |b| {
+            b.iter(|| {
+                bsdf.eval_many(&wi, &wo, &mut values);
+                black_box(&mut values);
             });
         });
         group.bench_function("pdf", |b| {

@@ -44,10 +44,11 @@ impl Polar {
     }
 }
 
-/// sin²(φ/2), φ from the mirror direction of one direction to the other: a quarter of the squared chord between the two azimuths.
+/// sin²(φ/2), φ from the mirror direction of one direction to the other, by the cosines and sines of their azimuths: a quarter of
+/// the squared chord between the two.
 #[inline(always)]
-pub(crate) fn half_azimuth2(a: &Polar, b: &Polar) -> f64 {
-    let (x, y) = (a.azimuth.0 + b.azimuth.0, a.azimuth.1 + b.azimuth.1);
+pub(crate) fn half_azimuth2(a: (f64, f64), b: (f64, f64)) -> f64 {
+    let (x, y) = (a.0 + b.0, a.1 + b.1);
     least(0.25 * (x * x + y * y), 1.0)
 }
 

@@ -12,12 +12,20 @@ pub(crate) fn decay(x: f64, y2: f64) -> f64 {
     if x < 1e-9 {
         return 1.0 - y2;
     }
-    if x > 0.5 {
-        // The same short of a common factor: two exponentials. What cancels near 180° is small beside 1 − D.
-        let [at, all] = exp_each([-2.0 * x * y2, -2.0 * x]);
-        return greatest(at - all, 0.0) / (1.0 - all);
+    if x > NARROW {
+        return narrow_decay(x, y2);
     }
     exp(-2.0 * x * y2) * one_minus_exp(2.0 * x * (1.0 - y2)) / one_minus_exp(2.0 * x)
+}
+
+/// Concentrations above which [`narrow_decay`] is exact enough.
+pub(crate) const NARROW: f64 = 0.5;
+
+/// [`decay`] short of a common factor: two exponentials. What cancels near 180° is small beside 1 − D.
+#[inline(always)]
+pub(crate) fn narrow_decay(x: f64, y2: f64) -> f64 {
+    let [at, all] = exp_each([-2.0 * x * y2, -2.0 * x]);
+    greatest(at - all, 0.0) / (1.0 - all)
 }
 
 /// 1 − e^{−z}, z ≥ 0.

@@ -16,6 +16,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2, TAU};
 pub const MIN_SLOPE_SD: f64 = 1e-4;
 /// Smallest wi·h: a mirror reflection along the surface grows like its inverse without end.
 const GRAZING: f64 = 1e-12;
+/// Below this a squared sum of two directions may have lost its digits.
+pub(crate) const OPPOSITE: f64 = 1e-300;
 /// Beyond this many σ the normal distribution has no mass that f64 sums would see.
 const FAR: f64 = 8.0;
 
@@ -36,12 +38,12 @@ pub(crate) struct Facets {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Half {
     /// wi + wo, of any length.
-    h: Direction,
+    pub(crate) h: Direction,
     /// Square of its slope.
-    slope2: f64,
+    pub(crate) slope2: f64,
     /// One over the z of the unit half vector, and one over that of `h`.
-    steep: f64,
-    inverse_z: f64,
+    pub(crate) steep: f64,
+    pub(crate) inverse_z: f64,
     /// wi·h = cos θd.
     pub(crate) cos: f64,
 }
@@ -50,24 +52,29 @@ impl Half {
     /// Of two unit vectors above the horizon.
     #[inline(always)]
     pub(crate) fn new(wi: Direction, wo: Direction) -> Self {
+        let (this, length2) = Self::of_apart(wi, wo);
+        if length2 < OPPOSITE { Self::of_opposites(this.h) } else { this }
+    }
+
+    /// The same where the square of their sum, which comes with it, is at least [`OPPOSITE`].
+    #[inline(always)]
+    pub(crate) fn of_apart(wi: Direction, wo: Direction) -> (Self, f64) {
         // A z below which no facet is so steep.
         const FLAT: f64 = 1e-90;
         let h = [wi[0] + wo[0], wi[1] + wo[1], wi[2] + wo[2]];
         let across2 = h[0] * h[0] + h[1] * h[1];
         let length2 = across2 + h[2] * h[2];
-        if length2 < 1e-300 {
-            return Self::of_opposites(h);
-        }
         // |wi + wo| = 2 cos θd.
         let length = length2.sqrt();
         let inverse_z = 1.0 / greatest(h[2], FLAT);
-        Self {
+        let this = Self {
             h,
             slope2: across2 * inverse_z * inverse_z,
             steep: greatest(length * inverse_z, 1.0),
             inverse_z,
             cos: least(greatest(0.5 * length, GRAZING), 1.0),
-        }
+        };
+        (this, length2)
     }
 
     /// Of two directions within 1e-150 of opposite horizons, whose sum has a square of 0.
@@ -156,29 +163,46 @@ impl Facets {
         if facing <= 0.0 {
             return 0.0;
         }
-        let (along, across) = at.azimuth;
-        let q = (half.h[1] * along - half.h[0] * across) * half.inverse_z;
+        let q = across(at, half);
         let kept = self.kept_across(at.cos) * self.kept_along(at.cos, at.sin, q * q);
         if kept > 0.0 { facing / kept } else { 0.0 }
+    }
+
+    /// Whether [`Self::pdf`] is the density of facets itself, because none is cut off.
+    #[inline(always)]
+    pub(crate) fn keeps_all(&self, at: &Polar, half: &Half) -> bool {
+        let q = across(at, half);
+        // Both are asked whatever the first says: no branch.
+        self.keeps_all_across(at.cos) & self.keeps_all_along(at.cos, at.sin, q * q)
     }
 
     /// Probability that q of a facet lies within the disc.
     #[inline(always)]
     fn kept_across(&self, cos_i: f64) -> f64 {
-        if FAR * self.sigma * cos_i <= 1.0 { 1.0 } else { self.kept(-1.0 / cos_i, 1.0 / cos_i) }
+        if self.keeps_all_across(cos_i) { 1.0 } else { self.kept(-1.0 / cos_i, 1.0 / cos_i) }
+    }
+
+    #[inline(always)]
+    fn keeps_all_across(&self, cos_i: f64) -> bool {
+        FAR * self.sigma * cos_i <= 1.0
     }
 
     /// Probability that p of a facet lies within the disc, at one q.
     #[inline(always)]
     fn kept_along(&self, cos_i: f64, sin_i: f64, q2: f64) -> f64 {
-        // The limits of [`limits`] beyond ±FAR σ, without its divisions.
-        let far = FAR * self.sigma;
-        let reach = sin_i + greatest(1.0 - q2 * cos_i * cos_i, 0.0).sqrt();
-        if cos_i * (1.0 - q2) >= far * reach && reach >= far * cos_i {
+        if self.keeps_all_along(cos_i, sin_i, q2) {
             return 1.0;
         }
         let limits = limits(cos_i, sin_i, q2);
         self.kept(limits.lo, limits.hi)
+    }
+
+    /// Whether the limits of [`limits`] lie beyond ±FAR σ, without its divisions.
+    #[inline(always)]
+    fn keeps_all_along(&self, cos_i: f64, sin_i: f64, q2: f64) -> bool {
+        let far = FAR * self.sigma;
+        let reach = sin_i + greatest(1.0 - q2 * cos_i * cos_i, 0.0).sqrt();
+        (cos_i * (1.0 - q2) >= far * reach) & (reach >= far * cos_i)
     }
 
     /// A direction above the horizon: slopes from the normal distribution cut to the disc of the module's head.
@@ -240,6 +264,13 @@ impl Facets {
         let (both, crossed) = (s_sum * p_sum, [s * p_sum, p * s_sum]);
         0.5 * (crossed[0] * crossed[0] + crossed[1] * crossed[1]) / (both * both)
     }
+}
+
+/// The slope q across the plane of incidence of the facet that reflects one direction to the other.
+#[inline(always)]
+fn across(at: &Polar, half: &Half) -> f64 {
+    let (along, across) = at.azimuth;
+    (half.h[1] * along - half.h[0] * across) * half.inverse_z
 }
 
 /// Where along p the disc of upward reflection lies, at one q.

@@ -25,6 +25,7 @@ mod colour;
 mod controls;
 mod curve;
 mod facets;
+mod lanes;
 pub mod measured;
 mod quadrature;
 pub mod round_trip;
