@@ -325,3 +325,72 @@ impl Dispersed {
 fn assert_of_one_length(a: usize, b: usize, c: usize) {
     assert!(a == b && b == c, "slices of {a}, {b} and {c} do not go together");
 }
+
+#[cfg(test)]
+#[path = "../../../lut-io/tests/specimen/mod.rs"]
+mod specimen;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Controls;
+    use pulp::Scalar;
+    use rand::rngs::StdRng;
+    use rand::{RngExt as _, SeedableRng as _};
+
+    /// Instruction sets, the narrowest first.
+    const LEVELS: usize = 3;
+
+    /// Runs an operation with the instructions of one set; does nothing where this processor lacks them.
+    fn run(level: usize, operation: impl WithSimd<Output = ()>) -> Option<()> {
+        #[cfg(target_arch = "x86_64")]
+        match level {
+            0 => Scalar.vectorize(operation),
+            1 => Simd::vectorize(pulp::x86::V3::try_new()?, operation),
+            _ => Simd::vectorize(pulp::x86::V4::try_new()?, operation),
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        match level {
+            0 => Scalar.vectorize(operation),
+            _ => Arch::new().dispatch(operation),
+        }
+        Some(())
+    }
+
+    fn direction(random: &mut StdRng) -> Direction {
+        let (theta, phi): (f64, f64) = (1.6 * random.random::<f64>(), 6.3 * random.random::<f64>());
+        [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()]
+    }
+
+    type Found = (Vec<Evaluation>, Vec<f64>, Vec<Option<Sample>>);
+
+    fn found(pearl: &PearlBsdf, level: usize) -> Option<Found> {
+        let mut random = StdRng::seed_from_u64(41);
+        let (wi, wo): (Vec<_>, Vec<_>) =
+            (0..1000).map(|_| (direction(&mut random), direction(&mut random))).unzip();
+        let numbers: Vec<[f64; 3]> = (0..1000).map(|_| random.random()).collect();
+        let (mut values, mut densities, mut samples) =
+            (vec![Evaluation::default(); 1000], vec![0.0; 1000], vec![None; 1000]);
+        let (wi, wo, viewer) = (&wi, &wo, Viewer::AtExit);
+        run(level, Evaluated { pearl, wi, wo, viewer, out: &mut values })?;
+        run(level, Densities { pearl, wi, wo, out: &mut densities })?;
+        run(level, Sampled { pearl, wi, numbers: &numbers, out: &mut samples })?;
+        Some((values, densities, samples))
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_numbers() {
+        let incidences: Vec<f64> = (0..=18).map(|i| 5.0 * f64::from(i)).collect();
+        let controls = Controls { depth: 0.0, coherence: 0.0, ..Controls::default() };
+        for table in [specimen::plane(&incidences, 96), specimen::space(&incidences, 48, 32)] {
+            let pearl = PearlBsdf::from_table(table, controls).unwrap();
+            let narrowest = found(&pearl, 0).unwrap();
+            assert!(narrowest.2.iter().flatten().count() > 900, "the pearl is sampled");
+            for level in 1..LEVELS {
+                // A level that this processor lacks has nothing to compare.
+                let same = found(&pearl, level).is_none_or(|wider| wider == narrowest);
+                assert!(same, "level {level}");
+            }
+        }
+    }
+}
