@@ -1,9 +1,6 @@
 //! The decay postulate for evaluation and sampling, in y = |sin(φ/2)|, which keeps its digits for narrow lobes.
 
-use crate::angles::{exp, exp_each, greatest, ln};
-use std::f64::consts::TAU;
-
-const INVERSE_TAU: f64 = 1.0 / TAU;
+use crate::angles::{INVERSE_TAU, exp, exp_each, greatest, ln, turned};
 
 /// D(φ) of [`lut_io::decay`] at concentration x, from y² = sin²(φ/2).
 #[inline(always)]
@@ -74,7 +71,7 @@ impl Forward {
         let (sign, u) = if u < 0.5 { (1.0, 2.0 * u) } else { (-1.0, 2.0 * u - 1.0) };
         if u >= self.narrow {
             let v = (u - self.narrow) / (1.0 - self.narrow).max(f64::MIN_POSITIVE);
-            let (sin, cos) = (std::f64::consts::PI * v.min(1.0)).sin_cos();
+            let (cos, sin) = turned(0.5 * v.min(1.0));
             return (cos, sign * sin);
         }
         let t = (u / self.narrow * self.tanh_k).min(1.0 - 1e-16);
@@ -87,6 +84,7 @@ impl Forward {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::TAU;
 
     #[test]
     fn decay_is_that_of_the_table() {

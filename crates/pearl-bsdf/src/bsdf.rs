@@ -3,8 +3,8 @@
 mod many;
 
 use crate::Direction;
-use crate::angles::{Polar, half_azimuth2};
-use crate::colour::{self, Angles, Colours, HalfAngles, Palette, TALLIES, Viewer};
+use crate::angles::{INVERSE_TAU, Polar, half_azimuth2, turned};
+use crate::colour::{self, Angles, Channels, Colours, HalfAngles, Palette, TALLIES, Viewer};
 use crate::controls::{BsdfError, Components, Controls};
 use crate::curve::{self, NODES, Place, Quads};
 use crate::facets::{Facets, Half, Rules};
@@ -16,7 +16,7 @@ use lut_io::lobe::Interpolant;
 use lut_io::reciprocal;
 use lut_io::spectra::Spectra;
 use lut_io::table::Table;
-use std::f64::consts::{FRAC_1_PI, FRAC_PI_2, PI, TAU};
+use std::f64::consts::{FRAC_1_PI, FRAC_PI_2, PI};
 
 /// What is sampled, in the order of the probabilities: interior, rehit, facets of interface 0, base.
 const INTERIOR: usize = 0;
@@ -431,7 +431,7 @@ impl PearlBsdf {
     ) -> Evaluation {
         let components = self.controls.components;
         let terms = colours.terms(angles, cos_o, viewer);
-        let shown = |show: bool, rgb: [f64; 3]| if show { rgb } else { [0.0; 3] };
+        let shown = |show: bool, rgb: Channels| if show { colour::three(rgb) } else { [0.0; 3] };
         Evaluation {
             diffuse: shown(components.diffuse, terms.diffuse),
             incoherent: shown(components.incoherent, terms.incoherent),
@@ -517,12 +517,12 @@ fn above_horizon([x, y, z]: Direction) -> bool {
 
 /// The direction at θo and at azimuth φ (cos, sin) from the mirror direction of wi, whose own azimuth is given.
 fn direction((along, across): (f64, f64), theta_o: f64, (cos_phi, sin_phi): (f64, f64)) -> Direction {
-    let (sin_o, cos_o) = theta_o.sin_cos();
+    let (cos_o, sin_o) = turned(theta_o * INVERSE_TAU);
     [sin_o * (-cos_phi * along - sin_phi * across), sin_o * (-cos_phi * across + sin_phi * along), cos_o]
 }
 
 fn cosine_hemisphere(u: f64, v: f64) -> Direction {
-    let (sin_phi, cos_phi) = (TAU * v).sin_cos();
+    let (cos_phi, sin_phi) = turned(v);
     let sin = u.sqrt();
     [sin * cos_phi, sin * sin_phi, (1.0 - u).max(0.0).sqrt()]
 }

@@ -12,7 +12,7 @@
 
 pub(crate) mod many;
 
-use crate::angles::{self, Polar, angle, greatest, least, step_of};
+use crate::angles::{self, INVERSE_TAU, Polar, angle, greatest, least, step_of, turned};
 use crate::azimuth::{self, Forward};
 use crate::warp::{Cell, Warp};
 use lut_io::axis::ExitAxis;
@@ -27,8 +27,6 @@ pub(crate) const COMPONENTS: [Component; 2] = [Component::Interior, Component::R
 
 /// Largest radius of the cap around the normal, radians.
 const LARGEST_CAP: f64 = 0.1;
-
-const INVERSE_TAU: f64 = 1.0 / TAU;
 
 /// The cap around the normal in which the sampling density is even.
 #[derive(Clone, Copy, Debug)]
@@ -72,8 +70,8 @@ pub(crate) struct Tabulated {
     /// Σ of the sampling density of each incidence, both components.
     totals: Vec<[f64; 2]>,
     sampling: [Sampling; 2],
-    /// At equal steps of each span: smooth within it, with a kink at its ends.
-    along: Vec<[Along; SPAN_STEPS + 1]>,
+    /// At equal steps of each span, both ends included: smooth within it, with a kink at its ends.
+    along: Vec<Along>,
     cap: Cap,
     /// Columns of some incidence: all but their centre and gains are those of every incidence.
     some_columns: Warp,
@@ -97,6 +95,9 @@ struct Span {
     /// w of the decay postulate at `from`, and what it gains to the end, radians.
     width: f64,
     widening: f64,
+    /// Where it begins in [`Tabulated::along`], and its steps there.
+    first: usize,
+    steps: f64,
 }
 
 /// What is known along θi, of interior and rehit: the factor that restores the albedo, and the share of what is sampled that
@@ -109,8 +110,11 @@ const CAP: usize = 2;
 /// Steps of [`Tabulated::guide`].
 const GUIDES: usize = 1024;
 
-/// Steps of a span at which [`Along`] is known.
-const SPAN_STEPS: usize = 64;
+/// Steps of a span at which [`Along`] is known: for so much of it one, radians, and the least and the most. As few as the angle
+/// needs, because every evaluation reads one of them, seldom the one before.
+const SPAN_STEP: f64 = PI / 2304.0;
+const LEAST_STEPS: f64 = 16.0;
+const MOST_STEPS: f64 = 64.0;
 
 /// Piecewise-linear densities of one component, every incidence.
 #[derive(Clone, Debug)]
@@ -194,8 +198,9 @@ impl Tabulated {
             let cap = this.cap_shares(theta_i);
             [interior, rehit, cap[0], cap[1]].map(|known| known as f32)
         };
-        let along = this.spans.iter().map(|span| {
-            std::array::from_fn(|k| at(span.from + k as f64 / (SPAN_STEPS as f64 * span.inverse)))
+        let along = this.spans.iter().flat_map(|span| {
+            let nodes = 0..=span.steps as usize;
+            nodes.map(|k| at(span.from + k as f64 / (span.steps * span.inverse)))
         });
         this.along = along.collect();
         this
@@ -280,10 +285,10 @@ impl Tabulated {
 
     #[inline(always)]
     fn along(&self, span: usize, fraction: f64) -> Along {
-        let (index, t) = step_of(fraction * SPAN_STEPS as f64, (SPAN_STEPS - 1) as f64);
-        let steps = &self.along[span];
-        let index = index % SPAN_STEPS;
-        angles::between(&steps[index], &steps[index + 1], t as f32)
+        let Span { first, steps, .. } = self.spans[span];
+        let (step, t) = step_of(fraction * steps, steps - 1.0);
+        let [a, b] = &self.along[first + step..first + step + 2] else { return [0.0; 4] };
+        angles::between(a, b, t as f32)
     }
 
     /// The exit cells.
@@ -434,10 +439,7 @@ impl Tabulated {
         u: f64,
         v: f64,
     ) -> Option<(f64, (f64, f64))> {
-        let around = |u: f64| {
-            let (sin, cos) = (PI * (2.0 * u - 1.0)).sin_cos();
-            (cos, sin)
-        };
+        let around = |u: f64| turned(u - 0.5);
         let sampling = &self.sampling[component];
         let Between { node, next, fraction } = at.between;
         let (near, far) =
@@ -476,7 +478,7 @@ impl Tabulated {
                     let within = cumulated(density, cdf, edge) / total(density, cdf);
                     return Some((self.cap.theta((u / within).min(1.0)), around(select)));
                 }
-                let (sin, cos) = self.around(at.azimuth).at(position).min(PI).sin_cos();
+                let (cos, sin) = turned(self.around(at.azimuth).at(position).min(PI) * INVERSE_TAU);
                 Some((theta_o, (cos, sign * sin)))
             }
         }
@@ -627,6 +629,8 @@ fn spans(table: &Table) -> Vec<Span> {
         next,
         width: width(node),
         widening: width(next) - width(node),
+        first: 0,
+        steps: ((to - from) / SPAN_STEP).ceil().clamp(LEAST_STEPS, MOST_STEPS),
     };
     let last = theta.len() - 1;
     let mut spans = Vec::with_capacity(theta.len() + 1);
@@ -636,6 +640,11 @@ fn spans(table: &Table) -> Vec<Span> {
     spans.extend((0..last).map(|k| span(theta[k], theta[k + 1], k, k + 1)));
     if theta[last] < FRAC_PI_2 {
         spans.push(span(theta[last], FRAC_PI_2, last, last));
+    }
+    let mut first = 0;
+    for span in &mut spans {
+        span.first = first;
+        first += span.steps as usize + 1;
     }
     spans
 }

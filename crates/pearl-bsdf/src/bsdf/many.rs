@@ -72,6 +72,13 @@ impl Halves {
     }
 }
 
+/// Light of every pair short of its colour, and where the colour is read.
+struct Shades {
+    mirror: Lane,
+    blur: Lane,
+    half: Steps,
+}
+
 /// [`PearlBsdf::eval_many`] of the table's own wavelength.
 struct Evaluated<'a> {
     pearl: &'a PearlBsdf,
@@ -186,7 +193,14 @@ impl PearlBsdf {
         let pairs = self.pairs(wi, wo);
         let at = self.tabulated.incidences(&pairs.i);
         let values = self.tabulated.values_of(&at, &pairs.i, &pairs.o, &pairs.y2);
-        self.colour_packet(&pairs, &values, viewer, out);
+        let shades = self.shades(&pairs, &values);
+        for (k, out) in out.iter_mut().enumerate().take(LANES) {
+            if pairs.valid[k] {
+                self.colour_lane(&pairs, &shades, k, viewer, out);
+            } else {
+                *out = Evaluation::default();
+            }
+        }
     }
 
     #[inline(always)]
@@ -218,16 +232,21 @@ impl PearlBsdf {
         }
         let pairs = self.pairs_of(valid, i, Directions::new(&wo, &valid));
         let (values, lobes) = self.tabulated.lights_of(&at, &pairs.i, &pairs.o, &pairs.y2);
-        let mut colours = [Evaluation::default(); LANES];
-        self.colour_packet(&pairs, &values, Viewer::AtExit, &mut colours);
+        let shades = self.shades(&pairs, &values);
         let densities = self.density_packet(&pairs, &lobes);
         for (k, out) in out.iter_mut().enumerate().take(LANES) {
             let (wo, pdf) = (wo[k], densities[k]);
-            *out = (valid[k] && pdf > 0.0 && pdf.is_finite()).then(|| {
-                // The lobe at the table's own wavelength is what is sampled.
-                let value = if self.dispersed.is_some() { self.eval(wi[k], wo) } else { colours[k] };
-                Sample { wo, pdf, value }
-            });
+            *out = None;
+            if valid[k] && pdf > 0.0 && pdf.is_finite() {
+                // Filled where it lies: a copy would wait for what was written a moment ago.
+                let sample = out.insert(Sample { wo, pdf, value: Evaluation::default() });
+                if self.dispersed.is_some() {
+                    // The lobe at the table's own wavelength is what is sampled.
+                    sample.value = self.eval(wi[k], wo);
+                } else {
+                    self.colour_lane(&pairs, &shades, k, Viewer::AtExit, &mut sample.value);
+                }
+            }
         }
     }
 
@@ -253,41 +272,43 @@ impl PearlBsdf {
         Pairs { valid, i, o, y2, halves, facing }
     }
 
-    /// f·cos θo of every pair from what the tabulated lobes have of it.
+    /// What colours multiply, from what the tabulated lobes have of every pair.
     #[inline(always)]
-    fn colour_packet(&self, pairs: &Pairs, values: &[Lane; 2], viewer: Viewer, out: &mut [Evaluation]) {
-        let Pairs { valid, i, o, halves, facing, .. } = pairs;
-        let mut reflected = [0.0; LANES];
-        for (k, reflected) in reflected.iter_mut().enumerate() {
-            *reflected = self.facets.reflection(&halves.half(k), facing[k]);
+    fn shades(&self, pairs: &Pairs, [interior, rehit]: &[Lane; 2]) -> Shades {
+        let Pairs { i, o, halves, facing, .. } = pairs;
+        let mut mirror = [0.0; LANES];
+        for (k, mirror) in mirror.iter_mut().enumerate() {
+            *mirror = self.facets.reflection(&halves.half(k), facing[k]);
         }
-        let half_places = Steps::of_cosines(&halves.cos);
-        for (k, out) in out.iter_mut().enumerate().take(LANES) {
-            if !valid[k] {
-                *out = Evaluation::default();
-                continue;
-            }
-            let (at_i, at_o, cos_o) = (i.place.place(k), o.place.place(k), o.cos()[k]);
-            let scale = self.mirror_factor(at_i, at_o, cos_o);
-            let lobes = [values[1][k] + reflected[k] * scale, values[0][k]];
-            let angles = Angles { incidence: at_i, exit: at_o, half: half_places.place(k) };
-            *out = self.coloured(&self.rgb, angles, cos_o, lobes, viewer);
+        for (k, mirror) in mirror.iter_mut().enumerate() {
+            let scale = self.mirror_factor(i.place.place(k), o.place.place(k), o.cos()[k]);
+            *mirror = rehit[k] + *mirror * scale;
         }
+        Shades { mirror, blur: *interior, half: Steps::of_cosines(&halves.cos) }
+    }
+
+    /// f·cos θo of one pair.
+    #[inline(always)]
+    fn colour_lane(&self, pairs: &Pairs, shades: &Shades, k: usize, viewer: Viewer, out: &mut Evaluation) {
+        let Pairs { i, o, .. } = pairs;
+        let (incidence, exit) = (i.place.place(k), o.place.place(k));
+        let angles = Angles { incidence, exit, half: shades.half.place(k) };
+        *out = self.coloured(&self.rgb, angles, o.cos()[k], [shades.mirror[k], shades.blur[k]], viewer);
     }
 
     /// Density of every pair from those of the tabulated lobes; 0 where a direction is below the horizon.
     #[inline(always)]
     fn density_packet(&self, pairs: &Pairs, lobes: &[Lane; 2]) -> Lane {
         let Pairs { valid, i, o, halves, facing, .. } = pairs;
-        let mut keeps_all = [false; LANES];
-        for (k, keeps_all) in keeps_all.iter_mut().enumerate() {
-            *keeps_all = self.facets.keeps_all(&i.polar(k), &halves.half(k));
+        let mut facets = [0.0; LANES];
+        for (k, facets) in facets.iter_mut().enumerate() {
+            *facets = self.facets.pdf_of_narrow(&i.polar(k), &halves.half(k), facing[k]);
         }
         let mut densities = [0.0; LANES];
         for (k, density) in densities.iter_mut().enumerate() {
             if valid[k] {
-                let facets = || match keeps_all[k] {
-                    true => facing[k],
+                let facets = || match self.facets.keeps_all_across(i.cos()[k]) {
+                    true => facets[k],
                     false => self.facets.pdf(&i.polar(k), &halves.half(k), facing[k]),
                 };
                 let lobes = [lobes[0][k], lobes[1][k]];

@@ -1,9 +1,9 @@
 //! The lobes of many pairs at once.
 
-use super::{Along, Between, INVERSE_TAU, Incidence, Tabulated};
+use super::{Along, Between, Incidence, Tabulated};
 use super::{DENSITIES, Values};
 use super::{azimuth_of, concentration_of_sine, densities_of_plane, restored, scale_of_space};
-use crate::angles;
+use crate::angles::{self, INVERSE_TAU};
 use crate::azimuth::{self, Forward, NARROW, narrow_decay};
 use crate::lanes::{Directions, LANES, Lane, Steps, each, put};
 use crate::warp::Cell;
