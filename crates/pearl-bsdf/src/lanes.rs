@@ -44,8 +44,8 @@ impl Steps {
     #[inline(always)]
     pub(crate) fn of(x: &Lane, last: f64) -> Self {
         let mut steps = Self { index: [0; LANES], fraction: [0.0; LANES] };
-        for k in 0..LANES {
-            (steps.index[k], steps.fraction[k]) = step_of(x[k], last);
+        for ((index, fraction), &x) in steps.index.iter_mut().zip(&mut steps.fraction).zip(x) {
+            (*index, *fraction) = step_of(x, last);
         }
         steps
     }

@@ -408,9 +408,11 @@ mod tests {
             let narrowest = found(&pearl, 0).unwrap();
             assert!(narrowest.2.iter().flatten().count() > 900, "the pearl is sampled");
             for level in 1..LEVELS {
-                // A level that this processor lacks has nothing to compare.
-                let same = found(&pearl, level).is_none_or(|wider| wider == narrowest);
-                assert!(same, "level {level}");
+                let Some(wider) = found(&pearl, level) else {
+                    eprintln!("skipped: this processor lacks the instructions of level {level}");
+                    continue;
+                };
+                assert!(wider == narrowest, "level {level}");
             }
         }
     }
