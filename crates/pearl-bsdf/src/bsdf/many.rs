@@ -400,6 +400,7 @@ mod tests {
     }
 
     #[test]
+    #[allow(clippy::print_stderr)] // what is skipped is said
     fn every_instruction_set_gives_the_same_numbers() {
         let incidences: Vec<f64> = (0..=18).map(|i| 5.0 * f64::from(i)).collect();
         let controls = Controls { depth: 0.0, coherence: 0.0, ..Controls::default() };
