@@ -141,6 +141,11 @@ pub(super) fn load(path: &Path, defaults: &[(String, String)]) -> Result<(Files,
     Ok((loader.files, root))
 }
 
+/// Char of XML 1.0, §2.2.
+const fn is_xml_character(c: char) -> bool {
+    matches!(c, '\t' | '\n' | '\r' | ' '..='\u{d7ff}' | '\u{e000}'..='\u{fffd}' | '\u{10000}'..)
+}
+
 struct Loader {
     files: Files,
     /// Canonical paths of the files that are being read, outermost first.
@@ -212,10 +217,14 @@ impl Loader {
             return Err(self.files.refuse(&element, format!("elements nest deeper than {MAX_DEPTH}")));
         }
         for attribute in node.attributes() {
+            self.check_references(file, attribute.range_value())?;
             let value =
                 self.substitute(attribute.value()).map_err(|problem| self.files.refuse(&element, problem))?;
             let range = attribute.range_value();
             element.attributes.push(Attribute { name: attribute.name().to_owned(), value, range });
+        }
+        for text in node.children().filter(|child| child.is_text()) {
+            self.check_references(file, text.range())?;
         }
         for child in node.children().filter(roxmltree::Node::is_element) {
             let child = self.element(child, file, depth + 1)?;
@@ -236,6 +245,27 @@ impl Loader {
             element.children.push(child);
         }
         Ok(element)
+    }
+
+    /// Refuses `&#…;` that name no XML character: the parser reads some of them as U+FFFD.
+    fn check_references(&self, file: usize, range: Range<usize>) -> Result<(), SceneError> {
+        let text = &self.files.list[file].text[range.clone()];
+        if text.contains("<![CDATA[") {
+            return Ok(()); // where they are not references
+        }
+        for (at, _) in text.match_indices("&#") {
+            let reference = text[at..].split_inclusive(';').next().unwrap_or_default();
+            let digits = reference.trim_start_matches("&#").trim_end_matches(';');
+            let code = match digits.strip_prefix('x') {
+                Some(digits) => u32::from_str_radix(digits, 16),
+                None => digits.parse(),
+            };
+            if !code.ok().and_then(char::from_u32).is_some_and(is_xml_character) {
+                let place = self.files.place_of((file, range.start + at));
+                return Err(SceneError(shortened(&format!("{place}: {reference} is no character of XML"))));
+            }
+        }
+        Ok(())
     }
 
     fn required<'e>(&self, element: &'e Element, name: &str) -> Result<&'e str, SceneError> {
