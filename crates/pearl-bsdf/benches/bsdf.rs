@@ -1,10 +1,10 @@
-//! Time of eval, pdf and sample on one thread.
+//! Time of eval, pdf and sample on one thread: a pair at a call, and 1024 pairs at a call (the rate is per pair).
 
 #[path = "../../lut-io/tests/specimen/mod.rs"]
 mod specimen;
 
-use criterion::{Criterion, criterion_group, criterion_main};
-use pearl_bsdf::{Controls, Direction, PearlBsdf};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use pearl_bsdf::{Controls, Direction, Evaluation, PearlBsdf};
 use rand::{RngExt as _, SeedableRng as _};
 use std::hint::black_box;
 
@@ -22,7 +22,7 @@ fn bench(criterion: &mut Criterion) {
     let incidences: Vec<f64> = (0..=90).map(f64::from).collect();
     let plain = Controls { depth: 0.0, coherence: 0.0, ..Controls::default() };
     let (wi, wo) = (directions(1), directions(2));
-    let numbers = directions(3);
+    let numbers: Vec<[f64; 3]> = directions(3).iter().map(|[u, v, w]| [*w, u.abs(), v.abs()]).collect();
     let tables =
         [("decay", specimen::plane(&incidences, 128)), ("walk", specimen::space(&incidences, 64, 48))];
     for (name, table) in tables {
@@ -49,8 +49,21 @@ fn bench(criterion: &mut Criterion) {
             b.iter(|| {
                 let k = next();
                 let [u, v, w] = numbers[k];
-                black_box(bsdf.sample(wi[k], w, u.abs(), v.abs()))
+                black_box(bsdf.sample(wi[k], u, v, w))
             });
+        });
+        group.throughput(Throughput::Elements(wi.len() as u64));
+        group.bench_function("eval_many", |b| {
+            let mut values = vec![Evaluation::default(); wi.len()];
+            b.iter(|| bsdf.eval_many(&wi, &wo, black_box(&mut values)));
+        });
+        group.bench_function("pdf_many", |b| {
+            let mut densities = vec![0.0; wi.len()];
+            b.iter(|| bsdf.pdf_many(&wi, &wo, black_box(&mut densities)));
+        });
+        group.bench_function("sample_many", |b| {
+            let mut samples = vec![None; wi.len()];
+            b.iter(|| bsdf.sample_many(&wi, &numbers, black_box(&mut samples)));
         });
     }
 }

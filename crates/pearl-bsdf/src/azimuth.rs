@@ -1,9 +1,6 @@
 //! The decay postulate for evaluation and sampling, in y = |sin(φ/2)|, which keeps its digits for narrow lobes.
 
-use crate::angles::{exp, exp_each, greatest, ln};
-use std::f64::consts::TAU;
-
-const INVERSE_TAU: f64 = 1.0 / TAU;
+use crate::angles::{INVERSE_TAU, exp, exp_each, greatest, ln, turned};
 
 /// D(φ) of [`lut_io::decay`] at concentration x, from y² = sin²(φ/2).
 #[inline(always)]
@@ -12,12 +9,20 @@ pub(crate) fn decay(x: f64, y2: f64) -> f64 {
     if x < 1e-9 {
         return 1.0 - y2;
     }
-    if x > 0.5 {
-        // The same short of a common factor: two exponentials. What cancels near 180° is small beside 1 − D.
-        let [at, all] = exp_each([-2.0 * x * y2, -2.0 * x]);
-        return greatest(at - all, 0.0) / (1.0 - all);
+    if x > NARROW {
+        return narrow_decay(x, y2);
     }
     exp(-2.0 * x * y2) * one_minus_exp(2.0 * x * (1.0 - y2)) / one_minus_exp(2.0 * x)
+}
+
+/// Concentrations above which [`narrow_decay`] is exact enough.
+pub(crate) const NARROW: f64 = 0.5;
+
+/// [`decay`] short of a common factor: two exponentials. What cancels near 180° is small beside 1 − D.
+#[inline(always)]
+pub(crate) fn narrow_decay(x: f64, y2: f64) -> f64 {
+    let [at, all] = exp_each([-2.0 * x * y2, -2.0 * x]);
+    greatest(at - all, 0.0) / (1.0 - all)
 }
 
 /// 1 − e^{−z}, z ≥ 0.
@@ -66,7 +71,7 @@ impl Forward {
         let (sign, u) = if u < 0.5 { (1.0, 2.0 * u) } else { (-1.0, 2.0 * u - 1.0) };
         if u >= self.narrow {
             let v = (u - self.narrow) / (1.0 - self.narrow).max(f64::MIN_POSITIVE);
-            let (sin, cos) = (std::f64::consts::PI * v.min(1.0)).sin_cos();
+            let (cos, sin) = turned(0.5 * v.min(1.0));
             return (cos, sign * sin);
         }
         let t = (u / self.narrow * self.tanh_k).min(1.0 - 1e-16);
@@ -79,6 +84,7 @@ impl Forward {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::TAU;
 
     #[test]
     fn decay_is_that_of_the_table() {

@@ -1,8 +1,10 @@
 //! The BSDF itself.
 
+mod many;
+
 use crate::Direction;
-use crate::angles::{Polar, half_azimuth2};
-use crate::colour::{self, Angles, Colours, HalfAngles, Palette, TALLIES, Viewer};
+use crate::angles::{INVERSE_TAU, Polar, half_azimuth2, turned};
+use crate::colour::{self, Angles, Channels, Colours, HalfAngles, Palette, TALLIES, Viewer};
 use crate::controls::{BsdfError, Components, Controls};
 use crate::curve::{self, NODES, Place, Quads};
 use crate::facets::{Facets, Half, Rules};
@@ -14,7 +16,7 @@ use lut_io::lobe::Interpolant;
 use lut_io::reciprocal;
 use lut_io::spectra::Spectra;
 use lut_io::table::Table;
-use std::f64::consts::{FRAC_1_PI, FRAC_PI_2, PI, TAU};
+use std::f64::consts::{FRAC_1_PI, FRAC_PI_2, PI};
 
 /// What is sampled, in the order of the probabilities: interior, rehit, facets of interface 0, base.
 const INTERIOR: usize = 0;
@@ -194,10 +196,7 @@ impl PearlBsdf {
     /// Linear sRGB of all bands: each channel takes its share of each lobe.
     fn over_bands(&self, own: impl Fn(&Self) -> Evaluation) -> Evaluation {
         let Some(dispersed) = &self.dispersed else { return own(self) };
-        let mixed = dispersed.mixed(self, |pearl| own(pearl).parts());
-        // Shares of sRGB's channels may be negative; light may not.
-        let [diffuse, incoherent, mirror, blur] = mixed.map(|rgb| rgb.map(|channel| channel.max(0.0)));
-        Evaluation { diffuse, incoherent, mirror, blur }
+        light_of(dispersed.mixed(self, |pearl| own(pearl).parts()))
     }
 
     /// f·cos θo of each shown component at one wavelength (nm), 1/sr, in the order of [`Components::NAMES`].
@@ -297,21 +296,33 @@ impl PearlBsdf {
         let (part, select) = choose(&self.chances(at_i), u1)?;
         let [polar] = Polar::of([wi]);
         let incidence = self.tabulated.incidence(&polar);
-        let wo = match part {
-            SURFACE => self.facets.sample(wi, &polar, u2, u3)?,
-            BASE => cosine_hemisphere(u2, u3),
-            _ => {
-                let (theta_o, around) = self.tabulated.sample(part, &incidence, select, u2, u3)?;
-                direction(polar.azimuth, theta_o, around)
-            }
-        };
-        if !above_horizon(wo) {
-            return None;
-        }
+        let wo = self.draw(wi, &polar, &incidence, (part, select), u2, u3)?;
         let ([polar_o], at_o) = (Polar::of([wo]), Place::of_cos(wo[2]));
         let geometry = self.geometry_at(wi, wo, (polar, at_i), (polar_o, at_o), incidence);
         let (value, pdf) = self.value_and_density(&geometry, wi, wo);
         (pdf > 0.0 && pdf.is_finite()).then_some(Sample { wo, pdf, value })
+    }
+
+    /// An exit direction of one technique, `select` what is left of the number that chose it.
+    #[inline]
+    fn draw(
+        &self,
+        wi: Direction,
+        polar: &Polar,
+        incidence: &Incidence,
+        (part, select): (usize, f64),
+        u2: f64,
+        u3: f64,
+    ) -> Option<Direction> {
+        let wo = match part {
+            SURFACE => self.facets.sample(wi, polar, u2, u3)?,
+            BASE => cosine_hemisphere(u2, u3),
+            _ => {
+                let (theta_o, around) = self.tabulated.sample(part, incidence, select, u2, u3)?;
+                direction(polar.azimuth, theta_o, around)
+            }
+        };
+        above_horizon(wo).then_some(wo)
     }
 
     /// Directional albedo at θi (radians, below π/2) of each component, shown or not, linear sRGB, in the order of
@@ -338,14 +349,13 @@ impl PearlBsdf {
     fn albedo_own(&self, theta_i: f64, viewer: Viewer) -> [[f64; 3]; 4] {
         let cos_i = theta_i.cos();
         let at_i = Place::of_cos(cos_i);
-        let scale = at_i.read(&self.mirror_scale);
         let (mut mirror, mut blur) = ([0.0; 3], [0.0; 3]);
         let add = |sum: &mut [f64; 3], mass: f64, cos_d: f64| {
             let factor = self.rgb.lobe_factor(at_i, Place::of_cos(cos_d));
             (0..3).for_each(|c| sum[c] += mass * factor[c]);
         };
         self.facets.integrate_exits(&Rules::new(), cos_i, |mass, cos_d, cos_o| {
-            let scale = self.mirror_factor(scale, at_i, cos_o);
+            let scale = self.mirror_factor(at_i, Place::of_cos(cos_o), cos_o);
             add(&mut mirror, mass * scale, cos_d);
         });
         tabulated_light(&self.tabulated, theta_i, FINE, |cos_d, [interior, rehit]| {
@@ -379,7 +389,7 @@ impl PearlBsdf {
         (polar_o, at_o): (Polar, Place),
         incidence: Incidence,
     ) -> Geometry {
-        let y2 = half_azimuth2(&polar_i, &polar_o);
+        let y2 = half_azimuth2(polar_i.azimuth, polar_o.azimuth);
         let light = self.tabulated.light(&incidence, &polar_i, &polar_o, y2);
         let half = Half::new(wi, wo);
         let facing = self.facets.facing(&half);
@@ -389,32 +399,39 @@ impl PearlBsdf {
     /// f·cos θo of the lobes short of their colour: mirror and blur.
     #[inline(always)]
     fn lobes(&self, geometry: &Geometry) -> [f64; 2] {
-        let Geometry { half, facing, light, at_i, polar_o, .. } = geometry;
+        let Geometry { half, facing, light, at_i, at_o, polar_o, .. } = geometry;
         let [interior, rehit] = light.values;
-        let scale = self.mirror_factor(at_i.read(&self.mirror_scale), *at_i, polar_o.cos);
+        let scale = self.mirror_factor(*at_i, *at_o, polar_o.cos);
         [rehit + self.facets.reflection(half, *facing) * scale, interior]
     }
 
-    /// Factor of the closed-form reflection; `scale` is that of tables that are not reciprocal.
+    /// Factor of the closed-form reflection.
     #[inline(always)]
-    fn mirror_factor(&self, scale: f64, at_i: Place, cos_o: f64) -> f64 {
-        let Some(ends) = &self.mirror_ends else { return scale };
-        at_i.read(ends) * Place::of_cos(cos_o).read(ends) * cos_o
+    fn mirror_factor(&self, at_i: Place, at_o: Place, cos_o: f64) -> f64 {
+        let Some(ends) = &self.mirror_ends else { return at_i.read(&self.mirror_scale) };
+        at_i.read(ends) * at_o.read(ends) * cos_o
     }
 
     #[inline(always)]
-    fn shade(
+    fn shade(&self, colours: &Colours, geometry: &Geometry, lobes: [f64; 2], viewer: Viewer) -> Evaluation {
+        let half = Place::of_cos(geometry.half.cos);
+        let angles = Angles { incidence: geometry.at_i, exit: geometry.at_o, half };
+        self.coloured(colours, angles, geometry.polar_o.cos, lobes, viewer)
+    }
+
+    /// The shown components, from mirror and blur short of their colour.
+    #[inline(always)]
+    fn coloured(
         &self,
         colours: &Colours,
-        geometry: &Geometry,
+        angles: Angles,
+        cos_o: f64,
         [mirror, blur]: [f64; 2],
         viewer: Viewer,
     ) -> Evaluation {
         let components = self.controls.components;
-        let half = Place::of_cos(geometry.half.cos);
-        let angles = Angles { incidence: geometry.at_i, exit: geometry.at_o, half };
-        let terms = colours.terms(angles, geometry.polar_o.cos, viewer);
-        let shown = |show: bool, rgb: [f64; 3]| if show { rgb } else { [0.0; 3] };
+        let terms = colours.terms(angles, cos_o, viewer);
+        let shown = |show: bool, rgb: Channels| if show { colour::three(rgb) } else { [0.0; 3] };
         Evaluation {
             diffuse: shown(components.diffuse, terms.diffuse),
             incoherent: shown(components.incoherent, terms.incoherent),
@@ -425,16 +442,9 @@ impl PearlBsdf {
 
     #[inline(always)]
     fn density(&self, geometry: &Geometry) -> f64 {
-        let chances = self.chances(geometry.at_i);
-        let mut pdf = chances[BASE] * geometry.polar_o.cos * FRAC_1_PI;
-        if chances[INTERIOR] + chances[REHIT] > 0.0 {
-            let lobes = geometry.light.densities;
-            pdf += chances[INTERIOR] * lobes[INTERIOR] + chances[REHIT] * lobes[REHIT];
-        }
-        if chances[SURFACE] > 0.0 {
-            pdf += chances[SURFACE] * self.facets.pdf(&geometry.polar_i, &geometry.half, geometry.facing);
-        }
-        pdf
+        let Geometry { at_i, polar_i, polar_o, half, facing, light, .. } = geometry;
+        let facets = || self.facets.pdf(polar_i, half, *facing);
+        density_of(&self.chances(*at_i), polar_o.cos, light.densities, facets)
     }
 
     #[inline(always)]
@@ -465,12 +475,24 @@ impl Dispersed {
     fn mixed(&self, own: &PearlBsdf, parts: impl Fn(&PearlBsdf) -> [[f64; 3]; 4]) -> [[f64; 3]; 4] {
         let mut sum = [[0.0; 3]; 4];
         for (band, weight) in self.weights.iter().enumerate() {
-            for (sum, part) in sum.iter_mut().zip(parts(self.pearl(own, band))) {
-                (0..3).for_each(|c| sum[c] += weight[c] * part[c]);
-            }
+            add_weighted(&mut sum, weight, &parts(self.pearl(own, band)));
         }
         sum
     }
+}
+
+/// Adds a band's components to a sum, each channel with its share.
+#[inline(always)]
+fn add_weighted(sum: &mut [[f64; 3]; 4], weight: &[f64; 3], parts: &[[f64; 3]; 4]) {
+    for (sum, part) in sum.iter_mut().zip(parts) {
+        (0..3).for_each(|c| sum[c] += weight[c] * part[c]);
+    }
+}
+
+/// Components mixed of bands: shares of sRGB's channels may be negative; light may not.
+fn light_of(mixed: [[f64; 3]; 4]) -> Evaluation {
+    let [diffuse, incoherent, mirror, blur] = mixed.map(|rgb| rgb.map(|channel| channel.max(0.0)));
+    Evaluation { diffuse, incoherent, mirror, blur }
 }
 
 /// The two nodes around a wavelength, and how far (0..1) it is from the first to the second; the end nodes beyond the ends.
@@ -495,14 +517,27 @@ fn above_horizon([x, y, z]: Direction) -> bool {
 
 /// The direction at θo and at azimuth φ (cos, sin) from the mirror direction of wi, whose own azimuth is given.
 fn direction((along, across): (f64, f64), theta_o: f64, (cos_phi, sin_phi): (f64, f64)) -> Direction {
-    let (sin_o, cos_o) = theta_o.sin_cos();
+    let (cos_o, sin_o) = turned(theta_o * INVERSE_TAU);
     [sin_o * (-cos_phi * along - sin_phi * across), sin_o * (-cos_phi * across + sin_phi * along), cos_o]
 }
 
 fn cosine_hemisphere(u: f64, v: f64) -> Direction {
-    let (sin_phi, cos_phi) = (TAU * v).sin_cos();
+    let (cos_phi, sin_phi) = turned(v);
     let sin = u.sqrt();
     [sin * cos_phi, sin * sin_phi, (1.0 - u).max(0.0).sqrt()]
+}
+
+/// Density of all techniques together; that of the facets is asked for where it counts.
+#[inline(always)]
+fn density_of(chances: &[f64; 4], cos_o: f64, lobes: [f64; 2], facets: impl FnOnce() -> f64) -> f64 {
+    let mut pdf = chances[BASE] * cos_o * FRAC_1_PI;
+    if chances[INTERIOR] + chances[REHIT] > 0.0 {
+        pdf += chances[INTERIOR] * lobes[INTERIOR] + chances[REHIT] * lobes[REHIT];
+    }
+    if chances[SURFACE] > 0.0 {
+        pdf += chances[SURFACE] * facets();
+    }
+    pdf
 }
 
 /// The part that u falls on, and what is left of the random number.

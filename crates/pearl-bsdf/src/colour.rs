@@ -28,8 +28,9 @@ pub(crate) type HalfAngles = Vec<[Box<[f64; NODES]>; 3]>;
 pub(crate) struct Colours {
     /// brightness·[(1 − γ) + γ·tint·M] over θd.
     factor: Quads,
-    /// limit(θi) of the first term.
+    /// limit(θi) of the first term, and whether there is an angle at which it is not 1.
     limit: Quads,
+    limited: bool,
     /// 1 − A, limit included.
     rest: Quads,
     /// tint·Ê over θo.
@@ -37,9 +38,9 @@ pub(crate) struct Colours {
     /// Whether there is an angle at which the base would send out more than it receives.
     overflows: bool,
     /// 1/(π(1 − A_avg)).
-    base: [f64; 3],
+    base: Channels,
     /// ρ.
-    body: [f64; 3],
+    body: Channels,
     depth: f64,
     /// Albedo of the first term by component, limit included: interior, surface, rehit.
     shares: [Curves; 3],
@@ -119,13 +120,16 @@ pub(crate) enum Viewer {
     AtIncidence,
 }
 
+/// Three channels with a 0 behind them: four numbers are handled in as many instructions, without shuffling.
+pub(crate) type Channels = [f64; 4];
+
 /// Light of the four components.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Terms {
-    pub(crate) diffuse: [f64; 3],
-    pub(crate) incoherent: [f64; 3],
+    pub(crate) diffuse: Channels,
+    pub(crate) incoherent: Channels,
     /// Colour of the first term: multiplies the lobe.
-    pub(crate) lobe: [f64; 3],
+    pub(crate) lobe: Channels,
 }
 
 impl Colours {
@@ -174,13 +178,14 @@ impl Colours {
         }
         let depth = controls.depth;
         let left = [0, 1, 2].map(|c| curve::hemispherical_mean(|node| rest[node][c]));
-        let base = left.map(|left| if left > NOTHING_LEFT { 1.0 / (PI * left) } else { 0.0 });
-        let body = palette.body;
+        let base = padded(left.map(|left| if left > NOTHING_LEFT { 1.0 / (PI * left) } else { 0.0 }));
+        let body = padded(palette.body);
         let overflows = illuminant
             .iter()
             .any(|colour| (0..3).any(|c| body[c] * ((1.0 - depth) + depth * colour[c]) > 1.0));
         let mut this = Self {
             factor: read_together(&factor),
+            limited: limit.iter().flatten().any(|limit| *limit < 1.0),
             limit: read_together(&limit),
             rest: read_together(&rest),
             illuminant: read_together(&illuminant),
@@ -194,7 +199,8 @@ impl Colours {
         this.sent = [0, 1].map(|part| {
             // Colour and 1 − A are read linearly one by one; their product at the nodes misses the curvature of
             // the product only, 1e-6 of it at these steps.
-            let sent = |node: usize, c: usize| rest[node][c] * this.base_colour(illuminant[node])[part][c];
+            let sent =
+                |node: usize, c: usize| rest[node][c] * this.base_colour(padded(illuminant[node]))[part][c];
             [0, 1, 2].map(|c| curve::hemispherical_mean(|node| sent(node, c)) / left[c].max(NOTHING_LEFT))
         });
         this
@@ -203,9 +209,9 @@ impl Colours {
     /// What the base makes of the light at a viewing angle: ρ(1 − depth) and ρ·depth·Ê, lowered together where they would
     /// send out more than they receive. By angle: what a viewer sees of a white surrounding must not exceed it either.
     #[inline(always)]
-    fn base_colour(&self, illuminant: [f64; 3]) -> [[f64; 3]; 2] {
-        let (mut diffuse, mut incoherent) = ([0.0; 3], [0.0; 3]);
-        for c in 0..3 {
+    fn base_colour(&self, illuminant: Channels) -> [Channels; 2] {
+        let (mut diffuse, mut incoherent) = ([0.0; 4], [0.0; 4]);
+        for c in 0..4 {
             let (plain, coloured) = (1.0 - self.depth, self.depth * illuminant[c]);
             let body = if self.overflows {
                 self.body[c] / (self.body[c] * (plain + coloured)).max(1.0)
@@ -226,7 +232,7 @@ impl Colours {
         let (rest_i, rest_o) = (at_i.read4(&self.rest), at_o.read4(&self.rest));
         let [diffuse, incoherent] = self.base_colour(channels(view.read4(&self.illuminant)));
         let mut terms = Terms { diffuse, incoherent, lobe: self.lobe_factor(at_i, at_d) };
-        for c in 0..3 {
+        for c in 0..4 {
             let base = self.base[c] * cos_o * f64::from(rest_i[c] * rest_o[c]);
             terms.diffuse[c] *= base;
             terms.incoherent[c] *= base;
@@ -236,9 +242,15 @@ impl Colours {
 
     /// Colour of the first term: multiplies the lobe.
     #[inline(always)]
-    pub(crate) fn lobe_factor(&self, at_i: Place, at_d: Place) -> [f64; 3] {
-        let (factor, limit) = (at_d.read4(&self.factor), at_i.read4(&self.limit));
-        channels([factor[0] * limit[0], factor[1] * limit[1], factor[2] * limit[2], 0.0])
+    pub(crate) fn lobe_factor(&self, at_i: Place, at_d: Place) -> Channels {
+        let mut factor = at_d.read4(&self.factor);
+        if self.limited {
+            let limit = at_i.read4(&self.limit);
+            for (factor, limit) in factor.iter_mut().zip(limit) {
+                *factor *= limit;
+            }
+        }
+        channels(factor)
     }
 
     /// Directional albedo of the base, viewed from the exits: diffuse and incoherent part.
@@ -249,10 +261,10 @@ impl Colours {
     /// The same, viewed from the incidence.
     pub(crate) fn base_albedo_seen(&self, at_i: Place) -> [[f64; 3]; 2] {
         let illuminant = channels(at_i.read4(&self.illuminant));
-        self.sent_of(channels(at_i.read4(&self.rest)), self.base_colour(illuminant))
+        self.sent_of(channels(at_i.read4(&self.rest)), self.base_colour(illuminant).map(three))
     }
 
-    fn sent_of(&self, rest: [f64; 3], parts: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
+    fn sent_of(&self, rest: Channels, parts: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
         let lit = |c: usize| if self.base[c] > 0.0 { rest[c] } else { 0.0 };
         parts.map(|part| std::array::from_fn(|c| lit(c) * part[c]))
     }
@@ -261,7 +273,7 @@ impl Colours {
     pub(crate) fn mean_albedos(&self, node: usize) -> [f64; 5] {
         let mean = |rgb: [f64; 3]| rgb.iter().sum::<f64>() / 3.0;
         let (rest, illuminant) = (channels(self.rest[node]), channels(self.illuminant[node]));
-        let [diffuse, incoherent] = self.sent_of(rest, self.base_colour(illuminant));
+        let [diffuse, incoherent] = self.sent_of(rest, self.base_colour(illuminant).map(three));
         [
             mean(self.shares[0][node]),
             mean(self.shares[2][node]),
@@ -276,10 +288,20 @@ fn read_together(curves: &Curves) -> Quads {
     curve::quads(|node| [curves[node][0], curves[node][1], curves[node][2], 0.0])
 }
 
-/// The three channels of what was read.
+/// The channels of what was read.
 #[inline(always)]
-fn channels([r, g, b, _]: [f32; 4]) -> [f64; 3] {
-    [f64::from(r), f64::from(g), f64::from(b)]
+fn channels(read: [f32; 4]) -> Channels {
+    read.map(f64::from)
+}
+
+fn padded([r, g, b]: [f64; 3]) -> Channels {
+    [r, g, b, 0.0]
+}
+
+/// The three channels alone.
+#[inline(always)]
+pub(crate) fn three([r, g, b, _]: Channels) -> [f64; 3] {
+    [r, g, b]
 }
 
 /// Share of the light that interface 0 reflects at first meeting.

@@ -26,8 +26,8 @@ pub(crate) fn quads(at: impl Fn(usize) -> [f64; 4]) -> Quads {
 /// A place between two nodes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
-    index: usize,
-    fraction: f64,
+    pub(crate) index: usize,
+    pub(crate) fraction: f64,
 }
 
 impl Place {
@@ -41,19 +41,19 @@ impl Place {
     /// The places of several angles, two for little more than the price of one.
     #[inline(always)]
     pub(crate) fn of_cosines<const N: usize>(cos: [f64; N]) -> [Self; N] {
-        let mut u = cos;
-        for u in &mut u {
-            *u = least(greatest(*u, 0.0), 1.0).sqrt();
-        }
-        for u in &mut u {
-            *u = (1.0 - *u).sqrt() * STEPS as f64;
-        }
+        let u = cos.map(Self::steps_of_cos);
         let mut places = [Self { index: 0, fraction: 0.0 }; N];
         for (place, u) in places.iter_mut().zip(u) {
             let (index, fraction) = step_of(u, (STEPS - 1) as f64);
             *place = Self { index, fraction };
         }
         places
+    }
+
+    /// Steps of the grid up to the angle of a cosine.
+    #[inline(always)]
+    pub(crate) fn steps_of_cos(cos: f64) -> f64 {
+        (1.0 - least(greatest(cos, 0.0), 1.0).sqrt()).sqrt() * STEPS as f64
     }
 
     /// Four curves read here, linearly between their nodes.

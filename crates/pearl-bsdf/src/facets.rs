@@ -7,15 +7,17 @@
 
 use crate::Direction;
 use crate::angles::{Polar, exp, greatest, least};
+use crate::normal::{of_upper_tail, upper_tail};
 use crate::quadrature::gauss_legendre;
 use lut_io::table::SurfaceModel;
-use statrs::function::erf::erfc_inv;
-use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2, TAU};
+use std::f64::consts::TAU;
 
 /// Narrowest facets that are evaluated, radians: a renderer cannot meet a delta lobe by evaluation.
 pub const MIN_SLOPE_SD: f64 = 1e-4;
 /// Smallest wi·h: a mirror reflection along the surface grows like its inverse without end.
 const GRAZING: f64 = 1e-12;
+/// Below this a squared sum of two directions may have lost its digits.
+pub(crate) const OPPOSITE: f64 = 1e-300;
 /// Beyond this many σ the normal distribution has no mass that f64 sums would see.
 const FAR: f64 = 8.0;
 
@@ -28,6 +30,7 @@ pub(crate) struct Facets {
     peak: f64,
     /// Index of the first layer over that of the ambient.
     index_ratio: f64,
+    inverse_ratio2: f64,
     /// Whether facets are met in proportion to their projected area.
     visible: bool,
 }
@@ -36,12 +39,12 @@ pub(crate) struct Facets {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Half {
     /// wi + wo, of any length.
-    h: Direction,
+    pub(crate) h: Direction,
     /// Square of its slope.
-    slope2: f64,
+    pub(crate) slope2: f64,
     /// One over the z of the unit half vector, and one over that of `h`.
-    steep: f64,
-    inverse_z: f64,
+    pub(crate) steep: f64,
+    pub(crate) inverse_z: f64,
     /// wi·h = cos θd.
     pub(crate) cos: f64,
 }
@@ -50,24 +53,29 @@ impl Half {
     /// Of two unit vectors above the horizon.
     #[inline(always)]
     pub(crate) fn new(wi: Direction, wo: Direction) -> Self {
+        let (this, length2) = Self::of_apart(wi, wo);
+        if length2 < OPPOSITE { Self::of_opposites(this.h) } else { this }
+    }
+
+    /// The same where the square of their sum, which comes with it, is at least [`OPPOSITE`].
+    #[inline(always)]
+    pub(crate) fn of_apart(wi: Direction, wo: Direction) -> (Self, f64) {
         // A z below which no facet is so steep.
         const FLAT: f64 = 1e-90;
         let h = [wi[0] + wo[0], wi[1] + wo[1], wi[2] + wo[2]];
         let across2 = h[0] * h[0] + h[1] * h[1];
         let length2 = across2 + h[2] * h[2];
-        if length2 < 1e-300 {
-            return Self::of_opposites(h);
-        }
         // |wi + wo| = 2 cos θd.
         let length = length2.sqrt();
         let inverse_z = 1.0 / greatest(h[2], FLAT);
-        Self {
+        let this = Self {
             h,
             slope2: across2 * inverse_z * inverse_z,
             steep: greatest(length * inverse_z, 1.0),
             inverse_z,
             cos: least(greatest(0.5 * length, GRAZING), 1.0),
-        }
+        };
+        (this, length2)
     }
 
     /// Of two directions within 1e-150 of opposite horizons, whose sum has a square of 0.
@@ -95,6 +103,7 @@ impl Facets {
             exponent: -0.5 / (sigma * sigma),
             peak: 1.0 / (TAU * sigma * sigma),
             index_ratio: model.n_first / model.n_ambient,
+            inverse_ratio2: (model.n_ambient / model.n_first).powi(2),
             visible: model.normals == "visible",
         }
     }
@@ -153,30 +162,34 @@ impl Facets {
     /// Density per steradian with which [`Self::sample`] finds the direction; `facing` is [`Self::facing`].
     #[inline(always)]
     pub(crate) fn pdf(&self, at: &Polar, half: &Half, facing: f64) -> f64 {
-        if facing <= 0.0 {
-            return 0.0;
-        }
-        let (along, across) = at.azimuth;
-        let q = (half.h[1] * along - half.h[0] * across) * half.inverse_z;
+        let q = across(at, half);
         let kept = self.kept_across(at.cos) * self.kept_along(at.cos, at.sin, q * q);
-        if kept > 0.0 { facing / kept } else { 0.0 }
+        if facing > 0.0 && kept > 0.0 { facing / kept } else { 0.0 }
+    }
+
+    /// The same where [`Self::keeps_all_across`].
+    #[inline(always)]
+    pub(crate) fn pdf_of_narrow(&self, at: &Polar, half: &Half, facing: f64) -> f64 {
+        let q = across(at, half);
+        let kept = self.kept_along(at.cos, at.sin, q * q);
+        if (facing > 0.0) & (kept > 0.0) { facing / kept } else { 0.0 }
     }
 
     /// Probability that q of a facet lies within the disc.
     #[inline(always)]
     fn kept_across(&self, cos_i: f64) -> f64 {
-        if FAR * self.sigma * cos_i <= 1.0 { 1.0 } else { self.kept(-1.0 / cos_i, 1.0 / cos_i) }
+        if self.keeps_all_across(cos_i) { 1.0 } else { self.kept(-1.0 / cos_i, 1.0 / cos_i) }
+    }
+
+    /// Whether no facet is too steep across the plane of incidence.
+    #[inline(always)]
+    pub(crate) fn keeps_all_across(&self, cos_i: f64) -> bool {
+        FAR * self.sigma * cos_i <= 1.0
     }
 
     /// Probability that p of a facet lies within the disc, at one q.
     #[inline(always)]
     fn kept_along(&self, cos_i: f64, sin_i: f64, q2: f64) -> f64 {
-        // The limits of [`limits`] beyond ±FAR σ, without its divisions.
-        let far = FAR * self.sigma;
-        let reach = sin_i + greatest(1.0 - q2 * cos_i * cos_i, 0.0).sqrt();
-        if cos_i * (1.0 - q2) >= far * reach && reach >= far * cos_i {
-            return 1.0;
-        }
         let limits = limits(cos_i, sin_i, q2);
         self.kept(limits.lo, limits.hi)
     }
@@ -201,7 +214,7 @@ impl Facets {
     }
 
     /// Probability that a slope lies between the limits.
-    #[inline]
+    #[inline(always)]
     fn kept(&self, lo: f64, hi: f64) -> f64 {
         let far = FAR * self.sigma;
         if lo <= -far && hi >= far {
@@ -209,19 +222,21 @@ impl Facets {
         }
         // The smaller tails are subtracted, so that nothing cancels on either side.
         let (a, b) = (lo / self.sigma, hi / self.sigma);
-        if a > 0.0 { upper_tail(a) - upper_tail(b) } else { upper_tail(-b) - upper_tail(-a) }
+        let (near, far) = if a > 0.0 { (a, b) } else { (-b, -a) };
+        upper_tail(near) - upper_tail(far)
     }
 
     fn truncated_normal(&self, lo: f64, hi: f64, u: f64) -> Option<f64> {
         let (a, b) = (lo / self.sigma, hi / self.sigma);
         // In the variable that falls towards the tail: the far side of both limits keeps its digits.
         let (a, b, sign) = if a > 0.0 { (a, b, 1.0) } else { (-b, -a, -1.0) };
-        let (near, far) = (upper_tail(a), upper_tail(b));
+        let near = if a <= -FAR { 1.0 } else { upper_tail(a) };
+        let far = if b >= FAR && a <= FAR { 0.0 } else { upper_tail(b) };
         if near - far <= 0.0 {
             return None;
         }
         let tail = near + u * (far - near);
-        let x = SQRT_2 * erfc_inv(2.0 * tail.clamp(f64::MIN_POSITIVE, 1.0 - 1e-16));
+        let x = of_upper_tail(tail.clamp(f64::MIN_POSITIVE, 1.0 - 1e-16));
         Some(sign * x.clamp(a, b) * self.sigma)
     }
 
@@ -229,7 +244,7 @@ impl Facets {
     #[inline(always)]
     pub(crate) fn fresnel(&self, cos: f64) -> f64 {
         let ratio = self.index_ratio;
-        let cos_t2 = 1.0 - (1.0 - cos * cos) / (ratio * ratio);
+        let cos_t2 = 1.0 - (1.0 - cos * cos) * self.inverse_ratio2;
         if cos_t2 <= 0.0 {
             return 1.0;
         }
@@ -242,18 +257,19 @@ impl Facets {
     }
 }
 
-/// Where along p the disc of upward reflection lies, at one q.
-#[inline]
-fn limits(cos_i: f64, sin_i: f64, q2: f64) -> Limits {
-    let chord = (1.0 - q2 * cos_i * cos_i).max(0.0).sqrt();
-    // −tan θ + √(sec²θ − q²) without its cancellation at grazing.
-    Limits { lo: -(sin_i + chord) / cos_i, hi: cos_i * (1.0 - q2) / (sin_i + chord).max(1e-300) }
+/// The slope q across the plane of incidence of the facet that reflects one direction to the other.
+#[inline(always)]
+fn across(at: &Polar, half: &Half) -> f64 {
+    let (along, across) = at.azimuth;
+    (half.h[1] * along - half.h[0] * across) * half.inverse_z
 }
 
-/// P(X > x) of the standard normal distribution.
-#[inline]
-fn upper_tail(x: f64) -> f64 {
-    0.5 * libm::erfc(x * FRAC_1_SQRT_2)
+/// Where along p the disc of upward reflection lies, at one q.
+#[inline(always)]
+fn limits(cos_i: f64, sin_i: f64, q2: f64) -> Limits {
+    let chord = greatest(1.0 - q2 * cos_i * cos_i, 0.0).sqrt();
+    // −tan θ + √(sec²θ − q²) without its cancellation at grazing.
+    Limits { lo: -(sin_i + chord) / cos_i, hi: cos_i * (1.0 - q2) / greatest(sin_i + chord, 1e-300) }
 }
 
 /// Quadrature rules over the slopes.

@@ -16,7 +16,8 @@
 //! - the base is divided by ρ·[(1 − depth) + depth·Ê(view)] where that exceeds 1, so that neither what it sends out in all nor
 //!   what a viewer sees of a white surrounding is more than it receives.
 //!
-//! [`PearlBsdf`] is the entry. Nothing is allocated in `eval`, `pdf` and `sample`.
+//! [`PearlBsdf`] is the entry. Nothing is allocated in `eval`, `pdf` and `sample`, nor in `eval_many`, `pdf_many` and `sample_many`, which
+//! answer for many pairs at a call in about half the time a pair, with the same bits.
 
 mod angles;
 mod azimuth;
@@ -25,7 +26,9 @@ mod colour;
 mod controls;
 mod curve;
 mod facets;
+mod lanes;
 pub mod measured;
+mod normal;
 mod quadrature;
 pub mod round_trip;
 mod tabulated;

@@ -10,7 +10,9 @@
 //! there. Within a cap as narrow as a facet's tilt, where lobes do not vary much, what falls there is spread evenly over
 //! the solid angle.
 
-use crate::angles::{self, Polar, angle, greatest, least, step_of};
+pub(crate) mod many;
+
+use crate::angles::{self, INVERSE_TAU, Polar, angle, greatest, least, step_of, turned};
 use crate::azimuth::{self, Forward};
 use crate::warp::{Cell, Warp};
 use lut_io::axis::ExitAxis;
@@ -25,8 +27,6 @@ pub(crate) const COMPONENTS: [Component; 2] = [Component::Interior, Component::R
 
 /// Largest radius of the cap around the normal, radians.
 const LARGEST_CAP: f64 = 0.1;
-
-const INVERSE_TAU: f64 = 1.0 / TAU;
 
 /// The cap around the normal in which the sampling density is even.
 #[derive(Clone, Copy, Debug)]
@@ -70,9 +70,11 @@ pub(crate) struct Tabulated {
     /// Σ of the sampling density of each incidence, both components.
     totals: Vec<[f64; 2]>,
     sampling: [Sampling; 2],
-    /// At equal steps of each span: smooth within it, with a kink at its ends.
-    along: Vec<[Along; SPAN_STEPS + 1]>,
+    /// At equal steps of each span, both ends included: smooth within it, with a kink at its ends.
+    along: Vec<Along>,
     cap: Cap,
+    /// Columns of some incidence: all but their centre and gains are those of every incidence.
+    some_columns: Warp,
 }
 
 /// Of one cell: interior and rehit, f·cos θo in 1/sr, then the densities u with which each is sampled.
@@ -93,6 +95,9 @@ struct Span {
     /// w of the decay postulate at `from`, and what it gains to the end, radians.
     width: f64,
     widening: f64,
+    /// Where it begins in [`Tabulated::along`], and its steps there.
+    first: usize,
+    steps: f64,
 }
 
 /// What is known along θi, of interior and rehit: the factor that restores the albedo, and the share of what is sampled that
@@ -105,8 +110,11 @@ const CAP: usize = 2;
 /// Steps of [`Tabulated::guide`].
 const GUIDES: usize = 1024;
 
-/// Steps of a span at which [`Along`] is known.
-const SPAN_STEPS: usize = 64;
+/// Steps of a span at which [`Along`] is known: for so much of it one, radians, and the least and the most. As few as the angle
+/// needs, because every evaluation reads one of them, seldom the one before.
+const SPAN_STEP: f64 = PI / 2304.0;
+const LEAST_STEPS: f64 = 16.0;
+const MOST_STEPS: f64 = 64.0;
 
 /// Piecewise-linear densities of one component, every incidence.
 #[derive(Clone, Debug)]
@@ -182,6 +190,7 @@ impl Tabulated {
             sampling,
             along: Vec::new(),
             cap: Cap::new(axis.width().min(LARGEST_CAP)),
+            some_columns: Warp::new(&axis.columns_at(0.25 * PI)),
         };
         let at = |theta_i: f64| {
             let row = lobe.row(theta_i);
@@ -189,8 +198,9 @@ impl Tabulated {
             let cap = this.cap_shares(theta_i);
             [interior, rehit, cap[0], cap[1]].map(|known| known as f32)
         };
-        let along = this.spans.iter().map(|span| {
-            std::array::from_fn(|k| at(span.from + k as f64 / (SPAN_STEPS as f64 * span.inverse)))
+        let along = this.spans.iter().flat_map(|span| {
+            let nodes = 0..=span.steps as usize;
+            nodes.map(|k| at(span.from + k as f64 / (span.steps * span.inverse)))
         });
         this.along = along.collect();
         this
@@ -235,35 +245,50 @@ impl Tabulated {
     /// The table at an incidence.
     #[inline(always)]
     pub(crate) fn incidence(&self, at: &Polar) -> Incidence {
-        let theta_i = at.theta;
-        let (span, between) = self.between(theta_i);
-        let (width, cells) = (self.cell_width, self.columns);
-        // `ExitAxis::columns_at`, in few operations.
-        let lo = if self.signed() { -FRAC_PI_2 } else { 0.0 };
-        let withdrawal = |room: f64| (room * room + width * width).sqrt() - room;
-        let moved = withdrawal(theta_i - lo) - withdrawal(FRAC_PI_2 - theta_i);
-        let columns = Warp::two_sided(lo, theta_i + moved, FRAC_PI_2, width, self.inverse_width, cells);
+        let (span, between) = self.between(at.theta);
+        let (columns, moved) = self.columns_at(at.theta);
         let azimuth = if self.signed() {
-            let width = self.spans[span].width + between.fraction * self.spans[span].widening;
-            at.sin / (width * width)
+            concentration_of_sine(at.sin, self.decay_width_at(span, between.fraction))
         } else {
-            width * angles::cotangent(at.sin, at.cos, moved)
+            self.row_width(at.sin, at.cos, moved)
         };
         Incidence { between, along: self.along(span, between.fraction), columns, azimuth }
     }
 
-    /// The φ axis of walk tables.
+    /// [`ExitAxis::columns_at`] in few operations, and how far its centre is moved from θi.
     #[inline(always)]
-    fn around(&self, at: &Incidence) -> Warp {
-        Warp::one_sided(0.0, PI, at.azimuth, 1.0 / at.azimuth, self.rows)
+    fn columns_at(&self, theta_i: f64) -> (Warp, f64) {
+        let (width, cells) = (self.cell_width, self.columns);
+        let lo = if self.signed() { -FRAC_PI_2 } else { 0.0 };
+        let withdrawal = |room: f64| (room * room + width * width).sqrt() - room;
+        let moved = withdrawal(theta_i - lo) - withdrawal(FRAC_PI_2 - theta_i);
+        (Warp::two_sided(lo, theta_i + moved, FRAC_PI_2, width, self.inverse_width, cells), moved)
+    }
+
+    /// w of the decay postulate along a span.
+    #[inline(always)]
+    fn decay_width_at(&self, span: usize, fraction: f64) -> f64 {
+        self.spans[span].width + fraction * self.spans[span].widening
+    }
+
+    /// Width of the φ cells of walk tables at an incidence.
+    #[inline(always)]
+    fn row_width(&self, sin_i: f64, cos_i: f64, moved: f64) -> f64 {
+        self.cell_width * angles::cotangent(sin_i, cos_i, moved)
+    }
+
+    /// The φ axis of walk tables whose φ cells have this width.
+    #[inline(always)]
+    fn around(&self, width: f64) -> Warp {
+        Warp::one_sided(0.0, PI, width, 1.0 / width, self.rows)
     }
 
     #[inline(always)]
     fn along(&self, span: usize, fraction: f64) -> Along {
-        let (index, t) = step_of(fraction * SPAN_STEPS as f64, (SPAN_STEPS - 1) as f64);
-        let steps = &self.along[span];
-        let index = index % SPAN_STEPS;
-        angles::between(&steps[index], &steps[index + 1], t as f32)
+        let Span { first, steps, .. } = self.spans[span];
+        let (step, t) = step_of(fraction * steps, steps - 1.0);
+        let [a, b] = &self.along[first + step..first + step + 2] else { return [0.0; 4] };
+        angles::between(a, b, t as f32)
     }
 
     /// The exit cells.
@@ -281,8 +306,11 @@ impl Tabulated {
     fn between(&self, theta_i: f64) -> (usize, Between) {
         let (step, _) = step_of(theta_i * (GUIDES as f64 / FRAC_PI_2), GUIDES as f64);
         // A step may have been rounded up to: the guide of the one before.
-        let mut index = usize::from(self.guide[step.saturating_sub(1)]);
-        while self.spans.get(index + 1).is_some_and(|next| next.from <= theta_i) {
+        let guided = usize::from(self.guide[step.saturating_sub(1)]);
+        let begun = |index: usize| self.spans.get(index + 1).is_some_and(|next| next.from <= theta_i);
+        // One step without a branch, which random angles would mispredict; more are seldom.
+        let mut index = guided + usize::from(begun(guided));
+        while begun(index) {
             index += 1;
         }
         let span = &self.spans[index];
@@ -330,37 +358,44 @@ impl Tabulated {
         let retro = self.read(at.between, 0, Cell::new(retro, self.columns));
         let concentration = at.azimuth * sin_o;
         let values = angles::between(&retro, &forward, azimuth::decay(concentration, y2) as f32);
-        let ahead = Forward::new(concentration).pdf(y2) * per_ahead;
-        let back = INVERSE_TAU * per_back;
-        let density = |c: usize| f64::from(forward[c]) * ahead + f64::from(retro[c]) * back;
-        let densities = [density(DENSITIES), density(DENSITIES + 1)];
-        Light { values: restored(at, &values), densities: self.per_steradian(at, densities, 1.0, sin_o) }
+        let densities = densities_of_plane(
+            &forward,
+            &retro,
+            Forward::new(concentration).pdf(y2) * per_ahead,
+            INVERSE_TAU * per_back,
+        );
+        let densities = self.per_steradian(at.between, &at.along, densities, 1.0 / sin_o, sin_o);
+        Light { values: restored(&at.along, &values), densities }
     }
 
     /// Of walk tables.
     #[inline(always)]
     fn light_of_space(&self, at: &Incidence, theta_o: f64, sin_o: f64, y2: f64) -> Light {
         let (column, per_theta) = at.columns.position(theta_o);
-        let phi = 2.0 * angle(y2.sqrt(), greatest(1.0 - y2, 0.0).sqrt());
-        let (row, per_phi) = self.around(at).position(phi);
+        let phi = azimuth_of(y2);
+        let (row, per_phi) = self.around(at.azimuth).position(phi);
         let (column, row) = (Cell::new(column, self.columns), Cell::new(row, self.rows));
-        let near = self.read(at.between, row.index, column);
-        let far = self.read(at.between, row.index + 1, column);
-        let read = angles::between(&near, &far, row.fraction as f32);
+        let read = self.read_rows(at.between, row, column);
         let densities = [f64::from(read[DENSITIES]), f64::from(read[DENSITIES + 1])];
-        // Half of it on either side of the plane of incidence.
-        let densities = self.per_steradian(at, densities, 0.5 * per_theta * per_phi, sin_o);
-        Light { values: restored(at, &read), densities }
+        let scale = scale_of_space(per_theta, per_phi, sin_o);
+        let densities = self.per_steradian(at.between, &at.along, densities, scale, sin_o);
+        Light { values: restored(&at.along, &read), densities }
     }
 
-    /// Sampling densities in solid angle from those in cell positions.
+    /// Sampling densities in solid angle from those in cell positions, `scale` apart.
     #[inline(always)]
-    fn per_steradian(&self, at: &Incidence, densities: [f64; 2], per_area: f64, sin_o: f64) -> [f64; 2] {
+    fn per_steradian(
+        &self,
+        between: Between,
+        along: &Along,
+        densities: [f64; 2],
+        scale: f64,
+        sin_o: f64,
+    ) -> [f64; 2] {
         if sin_o < self.cap.sin {
-            return [0, 1].map(|c| f64::from(at.along[CAP + c]) * self.cap.density);
+            return [0, 1].map(|c| f64::from(along[CAP + c]) * self.cap.density);
         }
-        let totals = self.mixed_totals(at.between);
-        let scale = per_area / sin_o;
+        let totals = self.mixed_totals(between);
         let share = |c: usize| if totals[c] > 0.0 { densities[c] * scale / totals[c] } else { 0.0 };
         [share(0), share(1)]
     }
@@ -372,6 +407,14 @@ impl Tabulated {
         let near = self.read_node(between.node, row, cell.index, along);
         let far = self.read_node(between.next, row, cell.index, along);
         angles::between(&near, &far, between.fraction as f32)
+    }
+
+    /// The [`Values`] between two rows of a walk table.
+    #[inline(always)]
+    fn read_rows(&self, between: Between, row: Cell, column: Cell) -> Values {
+        let near = self.read(between, row.index, column);
+        let far = self.read(between, row.index + 1, column);
+        angles::between(&near, &far, row.fraction as f32)
     }
 
     #[inline(always)]
@@ -396,10 +439,7 @@ impl Tabulated {
         u: f64,
         v: f64,
     ) -> Option<(f64, (f64, f64))> {
-        let around = |u: f64| {
-            let (sin, cos) = (PI * (2.0 * u - 1.0)).sin_cos();
-            (cos, sin)
-        };
+        let around = |u: f64| turned(u - 0.5);
         let sampling = &self.sampling[component];
         let Between { node, next, fraction } = at.between;
         let (near, far) =
@@ -438,7 +478,7 @@ impl Tabulated {
                     let within = cumulated(density, cdf, edge) / total(density, cdf);
                     return Some((self.cap.theta((u / within).min(1.0)), around(select)));
                 }
-                let (sin, cos) = self.around(at).at(position).min(PI).sin_cos();
+                let (cos, sin) = turned(self.around(at.azimuth).at(position).min(PI) * INVERSE_TAU);
                 Some((theta_o, (cos, sign * sin)))
             }
         }
@@ -454,8 +494,33 @@ impl Tabulated {
 
 /// Both components as read, times what restores their albedo.
 #[inline(always)]
-fn restored(at: &Incidence, values: &Values) -> [f64; 2] {
-    [f64::from(at.along[0] * values[0]), f64::from(at.along[1] * values[1])]
+fn restored(along: &Along, values: &Values) -> [f64; 2] {
+    [f64::from(along[0] * values[0]), f64::from(along[1] * values[1])]
+}
+
+/// Sampling densities of a decay table per position in s and azimuth: of what is read ahead and of what is read behind.
+#[inline(always)]
+fn densities_of_plane(forward: &Values, retro: &Values, ahead: f64, back: f64) -> [f64; 2] {
+    let density = |c: usize| f64::from(forward[c]) * ahead + f64::from(retro[c]) * back;
+    [density(DENSITIES), density(DENSITIES + 1)]
+}
+
+/// Positions of a walk table per solid angle: half of the light is on either side of the plane of incidence.
+#[inline(always)]
+fn scale_of_space(per_theta: f64, per_phi: f64, sin_o: f64) -> f64 {
+    0.5 * per_theta * per_phi / sin_o
+}
+
+/// sin θi / w², which the sine of θo turns into the concentration of the decay.
+#[inline(always)]
+fn concentration_of_sine(sin_i: f64, width: f64) -> f64 {
+    sin_i / (width * width)
+}
+
+/// |φ| from sin²(φ/2).
+#[inline(always)]
+fn azimuth_of(y2: f64) -> f64 {
+    2.0 * angle(y2.sqrt(), greatest(1.0 - y2, 0.0).sqrt())
 }
 
 /// Chooses between two with the probability of the first, and what is left of the random number.
@@ -564,6 +629,8 @@ fn spans(table: &Table) -> Vec<Span> {
         next,
         width: width(node),
         widening: width(next) - width(node),
+        first: 0,
+        steps: ((to - from) / SPAN_STEP).ceil().clamp(LEAST_STEPS, MOST_STEPS),
     };
     let last = theta.len() - 1;
     let mut spans = Vec::with_capacity(theta.len() + 1);
@@ -573,6 +640,11 @@ fn spans(table: &Table) -> Vec<Span> {
     spans.extend((0..last).map(|k| span(theta[k], theta[k + 1], k, k + 1)));
     if theta[last] < FRAC_PI_2 {
         spans.push(span(theta[last], FRAC_PI_2, last, last));
+    }
+    let mut first = 0;
+    for span in &mut spans {
+        span.first = first;
+        first += span.steps as usize + 1;
     }
     spans
 }

@@ -69,6 +69,18 @@ impl Warp {
         found
     }
 
+    /// This axis around another centre, with its gains on either side.
+    #[inline(always)]
+    pub(crate) fn recentred(&self, [centre, gain_lo, gain_hi]: [f64; 3]) -> Self {
+        Self { centre, gain_lo, gain_hi, ..*self }
+    }
+
+    /// What [`Self::recentred`] takes.
+    #[inline(always)]
+    pub(crate) fn centre_and_gains(&self) -> [f64; 3] {
+        [self.centre, self.gain_lo, self.gain_hi]
+    }
+
     /// Position of one coordinate, and dposition/dx there.
     #[inline(always)]
     pub(crate) fn position(&self, x: f64) -> (f64, f64) {

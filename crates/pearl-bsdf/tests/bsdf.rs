@@ -5,11 +5,13 @@
 #[path = "../../lut-io/tests/specimen/mod.rs"]
 mod specimen;
 
+mod made_up;
+
 use lut_io::axis::ExitAxis;
-use lut_io::dispersion::{self, Dispersion};
+use lut_io::dispersion;
 use lut_io::lobe::Interpolant;
-use lut_io::spectra::{Coherent, Illuminant, Spectra};
 use lut_io::table::{Component, Table};
+use made_up::{direction, dispersed, random_controls, with_spectra, with_waves};
 use pearl_bsdf::{BsdfError, Components, Controls, Direction, PearlBsdf};
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
@@ -23,66 +25,12 @@ fn tables() -> [Table; 2] {
     [specimen::plane(&incidences(), 96), specimen::space(&incidences(), 48, 32)]
 }
 
-/// Strong, wavy interference colours: M up to 1/R_incoherent = 2.5, Ê between 0 and 2.
-fn with_spectra(table: Table) -> Table {
-    with_waves(table, 0.11)
-}
-
-/// The same with waves of another pitch, radians a degree.
-fn with_waves(mut table: Table, pitch: f64) -> Table {
-    let theta_deg: Vec<f64> = (0..=30).map(|i| 3.0 * f64::from(i)).collect();
-    let wavelength_nm: Vec<f64> = (0..7).map(|i| 400.0 + 50.0 * f64::from(i)).collect();
-    let wave = |theta: f64, k: f64| (pitch * theta + 2.1 * k).sin();
-    // 1/R_incoherent falls to 1 at grazing.
-    let most = |theta: f64| 1.0 + 1.5 * (1.0 - (theta / 90.0).powi(4));
-    let rows = |value: &dyn Fn(f64, f64) -> f64| -> Vec<Vec<f64>> {
-        theta_deg.iter().map(|t| (0..7).map(|k| value(*t, f64::from(k))).collect()).collect()
-    };
-    let rgb = |value: &dyn Fn(f64, f64) -> f64| -> Vec<[f64; 3]> {
-        theta_deg.iter().map(|t| [0.0, 1.0, 2.0].map(|k| value(*t, k))).collect()
-    };
-    let modulation = |t: f64, k: f64| most(t) * 0.5 * (1.0 + wave(t, k));
-    let illuminant = |t: f64, k: f64| 1.0 + wave(0.7 * t, k + 0.3);
-    let coherent = Coherent {
-        modulation: rows(&modulation),
-        modulation_rgb: rgb(&modulation),
-        incoherent: theta_deg.iter().map(|t| 1.0 / most(*t)).collect(),
-        theta_deg: theta_deg.clone(),
-    };
-    let emission = (rows(&illuminant), rgb(&illuminant));
-    let illuminant = Illuminant { emission: emission.0, emission_rgb: emission.1, theta_deg };
-    let spectra = Spectra { wavelength_nm, coherent: Some(coherent), illuminant: Some(illuminant) };
-    spectra.store(&mut table.meta).unwrap();
-    table
-}
-
 fn bsdf(table: &Table, controls: Controls) -> PearlBsdf {
     PearlBsdf::from_table(table.clone(), controls).unwrap()
 }
 
-fn direction(theta: f64, phi: f64) -> Direction {
-    [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()]
-}
-
 fn only(name: &str) -> Controls {
     Controls { components: Components::from_names([name]).unwrap(), ..Controls::default() }
-}
-
-fn random_controls(random: &mut StdRng) -> Controls {
-    // Ends of the ranges are where things go wrong: a third of the draws.
-    let mut unit = || match random.random_range(0..6) {
-        0 => 0.0,
-        1 => 1.0,
-        _ => random.random::<f64>(),
-    };
-    Controls {
-        depth: unit(),
-        brightness: unit(),
-        coherence: unit(),
-        body_rgb: [unit(), unit(), unit()],
-        tint_rgb: [unit(), unit(), unit()],
-        components: Components::ALL,
-    }
 }
 
 #[test]
@@ -515,30 +463,6 @@ fn at_band_centres_the_spectral_value_is_the_band() {
     }
     let mixed = bsdf.eval_at(wi, wo, 425.0)[3];
     assert!((mixed - 0.5 * (rgb[3][0] + rgb[3][1])).abs() < 1e-9 * mixed);
-}
-
-/// A table at 550 nm with further lobes at 400 and 700 nm, whose interior is 1.2 and 0.7 times as bright.
-fn dispersed(mut table: Table) -> (Table, Vec<Table>) {
-    table.meta.wavelength_nm = 550.0;
-    let band = |nm: f64, factor: f32| {
-        let mut band = table.clone();
-        band.meta.wavelength_nm = nm;
-        band.interior.value.iter_mut().for_each(|value| *value *= factor);
-        for summary in &mut band.meta.per_incidence {
-            let interior = summary.albedo - summary.surface;
-            summary.albedo = summary.surface + f64::from(factor) * interior;
-            summary.transmitted = 1.0 - summary.albedo;
-        }
-        band
-    };
-    let bands = vec![band(400.0, 1.2), band(700.0, 0.7)];
-    let weights = vec![[0.3, 0.7, 0.4], [-0.1, 0.2, 0.7], [0.8, 0.1, -0.1]];
-    table.add_bands(bands.clone(), weights, 0.5).unwrap();
-    let mut section = Dispersion::of(&table.meta).unwrap().unwrap();
-    let incoherent = Spectra::of(&table.meta).unwrap().unwrap().coherent.unwrap().incoherent;
-    section.bands.iter_mut().for_each(|band| band.incoherent = Some(incoherent.clone()));
-    section.store(&mut table.meta).unwrap();
-    (table, bands)
 }
 
 #[test]

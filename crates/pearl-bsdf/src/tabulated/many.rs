@@ -1,0 +1,261 @@
+//! The lobes of many pairs at once.
+
+use super::{Along, Between, Incidence, Tabulated};
+use super::{DENSITIES, Values};
+use super::{azimuth_of, concentration_of_sine, densities_of_plane, restored, scale_of_space};
+use crate::angles::{self, INVERSE_TAU};
+use crate::azimuth::{self, Forward, NARROW, narrow_decay};
+use crate::lanes::{Directions, LANES, Lane, Steps, each, put};
+use crate::warp::Cell;
+
+/// The table at the incidences of every lane.
+pub(crate) struct Incidences {
+    between: [Between; LANES],
+    along: [Along; LANES],
+    /// Of the columns' axis: centre, and gains on either side.
+    columns: [Lane; 3],
+    /// As in [`Incidence`].
+    azimuth: Lane,
+}
+
+/// Cells around an exit, with dposition/dx there.
+struct Cells {
+    steps: Steps,
+    per_x: Lane,
+}
+
+impl Cells {
+    #[inline(always)]
+    fn cell(&self, lane: usize) -> Cell {
+        Cell { index: self.steps.index[lane], fraction: self.steps.fraction[lane] }
+    }
+}
+
+impl Tabulated {
+    /// [`Self::incidence`] of every lane.
+    #[inline(always)]
+    pub(crate) fn incidences(&self, at: &Directions) -> Incidences {
+        self.incidences_at(&at.theta, &at.sin, at.cos())
+    }
+
+    #[inline(always)]
+    fn incidences_at(&self, theta: &Lane, sin: &Lane, cos: &Lane) -> Incidences {
+        let none = Between { node: 0, next: 0, fraction: 0.0 };
+        let (mut between, mut along, mut width) = ([none; LANES], [[0.0; 4]; LANES], [0.0; LANES]);
+        for k in 0..LANES {
+            let (span, place) = self.between(theta[k]);
+            between[k] = place;
+            along[k] = self.along(span, place.fraction);
+            width[k] = self.decay_width_at(span, place.fraction);
+        }
+        let [centre, gain_lo, gain_hi, moved] = each!(theta = theta => {
+            let (columns, moved) = self.columns_at(theta);
+            let [centre, gain_lo, gain_hi] = columns.centre_and_gains();
+            [centre, gain_lo, gain_hi, moved]
+        });
+        let [azimuth] = if self.signed() {
+            each!(sin = sin, width = width => [concentration_of_sine(sin, width)])
+        } else {
+            each!(sin = sin, cos = cos, moved = moved => [self.row_width(sin, cos, moved)])
+        };
+        Incidences { between, along, columns: [centre, gain_lo, gain_hi], azimuth }
+    }
+
+    /// The incidence of one lane.
+    #[inline(always)]
+    pub(crate) fn incidence_of(&self, at: &Incidences, lane: usize) -> Incidence {
+        let columns = self.some_columns.recentred(at.columns.each_ref().map(|x| x[lane]));
+        Incidence { between: at.between[lane], along: at.along[lane], columns, azimuth: at.azimuth[lane] }
+    }
+
+    /// Values of [`Self::light`] of every lane: interior and rehit.
+    #[inline(always)]
+    pub(crate) fn values_of(&self, at: &Incidences, i: &Directions, o: &Directions, y2: &Lane) -> [Lane; 2] {
+        if !self.reciprocal {
+            return self.lights(at, (&o.theta, &o.sin), y2, true, false).0;
+        }
+        let turned = Turned::of(i, o);
+        let at = self.incidences_at(&turned.theta_i, &turned.sin_i, &turned.cos_i);
+        let [interior, rehit] = self.lights(&at, (&turned.theta_o, &turned.sin_o), y2, true, false).0;
+        each!(interior = interior, rehit = rehit, taken_over = turned.taken_over => {
+            [interior * taken_over, rehit * taken_over]
+        })
+    }
+
+    /// Densities of [`Self::light`] of every lane.
+    #[inline(always)]
+    pub(crate) fn densities_of(&self, at: &Incidences, o: &Directions, y2: &Lane) -> [Lane; 2] {
+        self.lights(at, (&o.theta, &o.sin), y2, false, true).1
+    }
+
+    /// Both.
+    #[inline(always)]
+    pub(crate) fn lights_of(
+        &self,
+        at: &Incidences,
+        i: &Directions,
+        o: &Directions,
+        y2: &Lane,
+    ) -> ([Lane; 2], [Lane; 2]) {
+        if self.reciprocal {
+            return (self.values_of(at, i, o, y2), self.densities_of(at, o, y2));
+        }
+        self.lights(at, (&o.theta, &o.sin), y2, true, true)
+    }
+
+    /// Values and densities at exits of these θo and sin θo; zeros where they are not asked for.
+    #[inline(always)]
+    fn lights(
+        &self,
+        at: &Incidences,
+        exit: (&Lane, &Lane),
+        y2: &Lane,
+        values: bool,
+        densities: bool,
+    ) -> ([Lane; 2], [Lane; 2]) {
+        if self.signed() {
+            self.lights_of_plane(at, exit, y2, values, densities)
+        } else {
+            self.lights_of_space(at, exit, y2, values, densities)
+        }
+    }
+
+    #[inline(always)]
+    fn lights_of_plane(
+        &self,
+        at: &Incidences,
+        (theta_o, sin_o): (&Lane, &Lane),
+        y2: &Lane,
+        values: bool,
+        densities: bool,
+    ) -> ([Lane; 2], [Lane; 2]) {
+        let ahead = self.column_cells(at, theta_o, 1.0);
+        let behind = self.column_cells(at, theta_o, -1.0);
+        let [concentration] = each!(azimuth = at.azimuth, sin_o = sin_o => [azimuth * sin_o]);
+        let share = if values { decays(&concentration, y2) } else { [0.0; LANES] };
+        let [per_ahead, per_back, scale] = if densities {
+            each!(x = concentration, y2 = y2, ahead = ahead.per_x, behind = behind.per_x, sin_o = sin_o => {
+                [Forward::new(x).pdf(y2) * ahead, INVERSE_TAU * behind, 1.0 / sin_o]
+            })
+        } else {
+            [[0.0; LANES]; 3]
+        };
+        let mut found = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
+        for k in 0..LANES {
+            let forward = self.read(at.between[k], 0, ahead.cell(k));
+            let retro = self.read(at.between[k], 0, behind.cell(k));
+            if values {
+                let read = angles::between(&retro, &forward, share[k] as f32);
+                put(&mut found.0, k, restored(&at.along[k], &read));
+            }
+            if densities {
+                let of_cells = densities_of_plane(&forward, &retro, per_ahead[k], per_back[k]);
+                put(&mut found.1, k, self.density(at, k, of_cells, scale[k], sin_o[k]));
+            }
+        }
+        found
+    }
+
+    #[inline(always)]
+    fn lights_of_space(
+        &self,
+        at: &Incidences,
+        (theta_o, sin_o): (&Lane, &Lane),
+        y2: &Lane,
+        values: bool,
+        densities: bool,
+    ) -> ([Lane; 2], [Lane; 2]) {
+        let columns = self.column_cells(at, theta_o, 1.0);
+        let [row, per_phi] = each!(width = at.azimuth, y2 = y2 => {
+            let (row, per_phi) = self.around(width).position(azimuth_of(y2));
+            [row, per_phi]
+        });
+        let rows = cells(&row, per_phi, self.rows);
+        let [scale] = if densities {
+            each!(theta = columns.per_x, phi = rows.per_x, sin_o = sin_o => {
+                [scale_of_space(theta, phi, sin_o)]
+            })
+        } else {
+            [[0.0; LANES]]
+        };
+        let mut found = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
+        for k in 0..LANES {
+            let read: Values = self.read_rows(at.between[k], rows.cell(k), columns.cell(k));
+            if values {
+                put(&mut found.0, k, restored(&at.along[k], &read));
+            }
+            if densities {
+                let of_cells = [f64::from(read[DENSITIES]), f64::from(read[DENSITIES + 1])];
+                put(&mut found.1, k, self.density(at, k, of_cells, scale[k], sin_o[k]));
+            }
+        }
+        found
+    }
+
+    #[inline(always)]
+    fn density(&self, at: &Incidences, lane: usize, of_cells: [f64; 2], scale: f64, sin_o: f64) -> [f64; 2] {
+        self.per_steradian(at.between[lane], &at.along[lane], of_cells, scale, sin_o)
+    }
+
+    /// Where exits at `side`·θo are among the columns.
+    #[inline(always)]
+    fn column_cells(&self, at: &Incidences, theta_o: &Lane, side: f64) -> Cells {
+        let [centre, gain_lo, gain_hi] = &at.columns;
+        let [position, per_x] = each!(theta_o = theta_o, centre = centre, lo = gain_lo, hi = gain_hi => {
+            let (position, per_x) = self.some_columns.recentred([centre, lo, hi]).position(side * theta_o);
+            [position, per_x]
+        });
+        cells(&position, per_x, self.columns)
+    }
+}
+
+/// The cells around positions.
+#[inline(always)]
+fn cells(position: &Lane, per_x: Lane, cells: usize) -> Cells {
+    let mut steps = Steps { index: [0; LANES], fraction: [0.0; LANES] };
+    for (k, position) in position.iter().enumerate() {
+        let cell = Cell::new(*position, cells);
+        (steps.index[k], steps.fraction[k]) = (cell.index, cell.fraction);
+    }
+    Cells { steps, per_x }
+}
+
+/// [`azimuth::decay`] of every lane.
+#[inline(always)]
+fn decays(concentration: &Lane, y2: &Lane) -> Lane {
+    let [mut decays] = each!(x = concentration, y2 = y2 => [narrow_decay(x, y2)]);
+    // Seldom.
+    if concentration.iter().any(|x| *x <= NARROW) {
+        for k in 0..LANES {
+            if concentration[k] <= NARROW {
+                decays[k] = azimuth::decay(concentration[k], y2[k]);
+            }
+        }
+    }
+    decays
+}
+
+/// Pairs of a reciprocal table, each turned so that the larger angle is the incidence.
+struct Turned {
+    theta_i: Lane,
+    sin_i: Lane,
+    cos_i: Lane,
+    theta_o: Lane,
+    sin_o: Lane,
+    /// What takes the values over to the way there.
+    taken_over: Lane,
+}
+
+impl Turned {
+    #[inline(always)]
+    fn of(i: &Directions, o: &Directions) -> Self {
+        let [theta_i, theta_o] = each!(i = i.theta, o = o.theta => if o > i { [o, i] } else { [i, o] });
+        let [sin_i, sin_o] = each!(theta_i = i.theta, theta_o = o.theta, i = i.sin, o = o.sin => {
+            if theta_o > theta_i { [o, i] } else { [i, o] }
+        });
+        let [cos_i, taken_over] = each!(theta_i = i.theta, theta_o = o.theta, i = i.cos(), o = o.cos() => {
+            if theta_o > theta_i { [o, o / i] } else { [i, 1.0] }
+        });
+        Self { theta_i, sin_i, cos_i, theta_o, sin_o, taken_over }
+    }
+}
