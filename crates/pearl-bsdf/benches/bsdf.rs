@@ -26,7 +26,7 @@ fn bench(criterion: &mut Criterion) {
     let tables =
         [("decay", specimen::plane(&incidences, 128)), ("walk", specimen::space(&incidences, 64, 48))];
     for (name, table) in tables {
-        let Ok(bsdf) = PearlBsdf::from_table(table, plain) else { continue };
+        let bsdf = PearlBsdf::from_table(table, plain).expect("the made-up table is one");
         let mut group = criterion.benchmark_group(name);
         let mut i = 0;
         let mut next = move || {

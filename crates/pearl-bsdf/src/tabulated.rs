@@ -70,8 +70,8 @@ pub(crate) struct Tabulated {
     /// Σ of the sampling density of each incidence, both components.
     totals: Vec<[f64; 2]>,
     sampling: [Sampling; 2],
-    /// At equal steps of each span, both ends included: smooth within it, with a kink at its ends.
-    along: Vec<Along>,
+    /// At equal steps of each span: smooth within it, with a kink at its ends.
+    along: Vec<[Along; SPAN_STEPS + 1]>,
     cap: Cap,
     /// Columns of some incidence: all but their centre and gains are those of every incidence.
     some_columns: Warp,
@@ -95,9 +95,6 @@ struct Span {
     /// w of the decay postulate at `from`, and what it gains to the end, radians.
     width: f64,
     widening: f64,
-    /// Where it begins in [`Tabulated::along`], and its steps there.
-    first: usize,
-    steps: f64,
 }
 
 /// What is known along θi, of interior and rehit: the factor that restores the albedo, and the share of what is sampled that
@@ -110,11 +107,9 @@ const CAP: usize = 2;
 /// Steps of [`Tabulated::guide`].
 const GUIDES: usize = 1024;
 
-/// Steps of a span at which [`Along`] is known: for so much of it one, radians, and the least and the most. As few as the angle
-/// needs, because every evaluation reads one of them, seldom the one before.
-const SPAN_STEP: f64 = PI / 2304.0;
-const LEAST_STEPS: f64 = 16.0;
-const MOST_STEPS: f64 = 64.0;
+/// Steps of a span at which [`Along`] is known; the Mitsuba plugin has the same. Sixteen miss its curvature at grazing incidence
+/// by 2e-4.
+const SPAN_STEPS: usize = 64;
 
 /// Piecewise-linear densities of one component, every incidence.
 #[derive(Clone, Debug)]
@@ -198,9 +193,8 @@ impl Tabulated {
             let cap = this.cap_shares(theta_i);
             [interior, rehit, cap[0], cap[1]].map(|known| known as f32)
         };
-        let along = this.spans.iter().flat_map(|span| {
-            let nodes = 0..=span.steps as usize;
-            nodes.map(|k| at(span.from + k as f64 / (span.steps * span.inverse)))
+        let along = this.spans.iter().map(|span| {
+            std::array::from_fn(|k| at(span.from + k as f64 / (SPAN_STEPS as f64 * span.inverse)))
         });
         this.along = along.collect();
         this
@@ -285,10 +279,10 @@ impl Tabulated {
 
     #[inline(always)]
     fn along(&self, span: usize, fraction: f64) -> Along {
-        let Span { first, steps, .. } = self.spans[span];
-        let (step, t) = step_of(fraction * steps, steps - 1.0);
-        let [a, b] = &self.along[first + step..first + step + 2] else { return [0.0; 4] };
-        angles::between(a, b, t as f32)
+        let (index, t) = step_of(fraction * SPAN_STEPS as f64, (SPAN_STEPS - 1) as f64);
+        let steps = &self.along[span];
+        let index = index % SPAN_STEPS;
+        angles::between(&steps[index], &steps[index + 1], t as f32)
     }
 
     /// The exit cells.
@@ -629,8 +623,6 @@ fn spans(table: &Table) -> Vec<Span> {
         next,
         width: width(node),
         widening: width(next) - width(node),
-        first: 0,
-        steps: ((to - from) / SPAN_STEP).ceil().clamp(LEAST_STEPS, MOST_STEPS),
     };
     let last = theta.len() - 1;
     let mut spans = Vec::with_capacity(theta.len() + 1);
@@ -640,11 +632,6 @@ fn spans(table: &Table) -> Vec<Span> {
     spans.extend((0..last).map(|k| span(theta[k], theta[k + 1], k, k + 1)));
     if theta[last] < FRAC_PI_2 {
         spans.push(span(theta[last], FRAC_PI_2, last, last));
-    }
-    let mut first = 0;
-    for span in &mut spans {
-        span.first = first;
-        first += span.steps as usize + 1;
     }
     spans
 }
