@@ -15,6 +15,7 @@ sys.path.insert(0, str(ROOT / "tools" / "mitsuba"))
 
 mi = pytest.importorskip("mitsuba")
 import pearl_mitsuba  # noqa: E402, F401
+import test_plugin  # noqa: E402
 
 
 def run(tool, *args, expect=0, **keywords):
@@ -95,7 +96,7 @@ def test_a_white_furnace_stays_white(table, look):
 
 def test_the_plugin_s_white_furnace_stays_white(table):
     """What samples of the plugin bring back from a white surrounding, by stratified numbers."""
-    mi.set_variant("llvm_ad_rgb")
+    test_plugin.use("llvm_ad_rgb")
     white = {"type": "rgb", "value": [1.0] * 3}
     bsdf = mi.load_dict({"type": "pearl", "filename": str(table), "body_color": white, "depth": 0.0, "coherence": 1.0})
     random, side, batches = np.random.default_rng(4), 600, 16

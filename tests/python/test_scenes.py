@@ -18,8 +18,9 @@ SCENES = ROOT / "data" / "scenes"
 PLANS = json.loads((SCENES / "plans.json").read_text())
 sys.path.insert(0, str(ROOT / "tools" / "mitsuba"))
 
-dr = pytest.importorskip("drjit")
+pytest.importorskip("drjit")
 mi = pytest.importorskip("mitsuba")
+import llvm  # noqa: E402
 import pearl_mitsuba  # noqa: E402, F401  (it registers the plugin when a variant is set)
 
 VARIANT = {
@@ -31,9 +32,7 @@ VARIANT = {
 
 def use(variant):
     """The LLVM variant, or the scalar one where there is no LLVM."""
-    try:
-        dr.eval(dr.llvm.Float(1.0) + 1.0)
-    except Exception:  # whatever Dr.Jit raises
+    if llvm.missing("LLVM variants of Mitsuba are"):
         variant = variant.replace("llvm_ad", "scalar")
     if variant not in mi.variants():
         pytest.skip(f"this Mitsuba has no {variant}")

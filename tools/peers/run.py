@@ -2,7 +2,7 @@
 """The walk side by side with its peers, in one run: ns of CPU a crossing, and whether all give the same albedo.
 
     cargo build --release -p transport --example walk_rate
-    pip install drjit numba numpy          # Dr.Jit needs libLLVM 15 or newer
+    pip install drjit numba numpy          # Dr.Jit needs libLLVM: 17 or newer for all processors
     python3 tools/peers/run.py [--repeats 3] [--extra "python3 other.py --preset tuned" ...]
 
 Peers whose packages are missing are left out with a note. Rounds go through all peers in turn and the median of the

@@ -5,9 +5,6 @@ use anyhow::{Context as _, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Oldest libLLVM that Dr.Jit 1.5 accepts.
-const OLDEST_LLVM: u32 = 15;
-
 /// Makes the environment if it is missing or its requirements changed; gives its interpreter.
 pub(crate) fn environment() -> Result<PathBuf> {
     let venv = root().join(".venv");
@@ -16,7 +13,7 @@ pub(crate) fn environment() -> Result<PathBuf> {
         .context("tests/python/requirements.txt")?;
     let stamp = venv.join("requirements.txt");
     if std::fs::read_to_string(&stamp).is_ok_and(|installed| installed == requirements) {
-        llvm()?;
+        llvm(&python)?;
         return Ok(python);
     }
     let mut make = Command::new("python3");
@@ -27,48 +24,28 @@ pub(crate) fn environment() -> Result<PathBuf> {
     install.arg(root().join("tests/python/requirements.txt"));
     step("python packages", install)?;
     std::fs::write(&stamp, requirements)?;
-    llvm()?;
+    llvm(&python)?;
     Ok(python)
 }
 
-/// Dr.Jit's LLVM variants need libLLVM. Installs Debian's where that is permitted.
-fn llvm() -> Result<()> {
-    if llvm_found() {
+/// Dr.Jit's LLVM variants need a libLLVM that knows the processor. Installs Debian's where that is permitted.
+fn llvm(python: &Path) -> Result<()> {
+    let works = || {
+        let mut probe = Command::new(python);
+        probe.arg(root().join("tests/python/llvm.py")).status().is_ok_and(|status| status.success())
+    };
+    if works() {
         return Ok(());
     }
-    println!("libLLVM {OLDEST_LLVM} or newer not found; installing it");
-    for package in ["libllvm19", "libllvm16", "libllvm15"] {
+    println!("no libLLVM that Dr.Jit can use (above: why); installing one");
+    for package in ["libllvm19", "libllvm17"] {
         let update = Command::new("apt-get").args(["-qq", "update"]).status();
         let install = Command::new("apt-get").args(["-qq", "install", "-y", package]).status();
-        if update.is_ok_and(|s| s.success()) && install.is_ok_and(|s| s.success()) && llvm_found() {
+        if update.is_ok_and(|s| s.success()) && install.is_ok_and(|s| s.success()) && works() {
             return Ok(());
         }
     }
     bail!(
-        "the checks against Mitsuba need libLLVM {OLDEST_LLVM} or newer (Debian: apt-get install libllvm19), or DRJIT_LIBLLVM_PATH"
+        "the checks against Mitsuba need a libLLVM that Dr.Jit can use (Debian: apt-get install libllvm19), or DRJIT_LIBLLVM_PATH"
     )
-}
-
-fn llvm_found() -> bool {
-    if std::env::var_os("DRJIT_LIBLLVM_PATH").is_some() {
-        return true;
-    }
-    let folders = [
-        "/usr/lib/x86_64-linux-gnu",
-        "/usr/lib/aarch64-linux-gnu",
-        "/usr/lib64",
-        "/usr/lib",
-        "/usr/local/lib",
-    ];
-    folders.iter().any(|folder| newest_llvm(Path::new(folder)).is_some_and(|version| version >= OLDEST_LLVM))
-}
-
-fn newest_llvm(folder: &Path) -> Option<u32> {
-    let names =
-        std::fs::read_dir(folder).ok()?.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-    let version = |name: String| {
-        let rest = name.strip_prefix("libLLVM-").or_else(|| name.strip_prefix("libLLVM.so."))?.to_owned();
-        rest.chars().take_while(char::is_ascii_digit).collect::<String>().parse().ok()
-    };
-    names.filter_map(version).max()
 }
