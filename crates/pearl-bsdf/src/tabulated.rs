@@ -57,8 +57,9 @@ pub(crate) struct Tabulated {
     axis: ExitAxis,
     /// Whether the table is read at the larger of both angles ([`lut_io::reciprocal`]).
     reciprocal: bool,
-    /// Ranges of θi that one pair of rows serves, from 0 to π/2.
+    /// Ranges of θi that one pair of rows serves, from 0 to π/2, and where each begins; behind the last one, infinity.
     spans: Vec<Span>,
+    starts: Vec<f64>,
     /// Where to begin looking for an angle among them: the one at each of [`GUIDES`] equal steps to π/2, or one before.
     guide: Vec<u16>,
     columns: usize,
@@ -167,6 +168,7 @@ impl Tabulated {
             u16::try_from(span).unwrap_or(u16::MAX)
         };
         let guide = (0..=GUIDES).map(at_or_before).collect();
+        let starts = spans.iter().map(|span| span.from).chain([f64::INFINITY]).collect();
         let rows = axis.rows_per_incidence();
         let total = |node: usize| {
             sampling.each_ref().map(|s| s.row_total[node * rows..(node + 1) * rows].iter().sum::<f64>())
@@ -175,6 +177,7 @@ impl Tabulated {
             axis,
             reciprocal: reciprocal::is_reciprocal(&table.meta),
             guide,
+            starts,
             spans,
             columns: axis.columns(),
             rows,
@@ -242,11 +245,12 @@ impl Tabulated {
         let (span, between) = self.between(at.theta);
         let (columns, moved) = self.columns_at(at.theta);
         let azimuth = if self.signed() {
-            concentration_of_sine(at.sin, self.decay_width_at(span, between.fraction))
+            let Span { width, widening, .. } = self.spans[span];
+            concentration_of_sine(at.sin, width + between.fraction * widening)
         } else {
             self.row_width(at.sin, at.cos, moved)
         };
-        Incidence { between, along: self.along(span, between.fraction), columns, azimuth }
+        Incidence { between, along: self.along(span, along_step(between.fraction)), columns, azimuth }
     }
 
     /// [`ExitAxis::columns_at`] in few operations, and how far its centre is moved from θi.
@@ -257,12 +261,6 @@ impl Tabulated {
         let withdrawal = |room: f64| (room * room + width * width).sqrt() - room;
         let moved = withdrawal(theta_i - lo) - withdrawal(FRAC_PI_2 - theta_i);
         (Warp::two_sided(lo, theta_i + moved, FRAC_PI_2, width, self.inverse_width, cells), moved)
-    }
-
-    /// w of the decay postulate along a span.
-    #[inline(always)]
-    fn decay_width_at(&self, span: usize, fraction: f64) -> f64 {
-        self.spans[span].width + fraction * self.spans[span].widening
     }
 
     /// Width of the φ cells of walk tables at an incidence.
@@ -278,8 +276,7 @@ impl Tabulated {
     }
 
     #[inline(always)]
-    fn along(&self, span: usize, fraction: f64) -> Along {
-        let (index, t) = step_of(fraction * SPAN_STEPS as f64, (SPAN_STEPS - 1) as f64);
+    fn along(&self, span: usize, (index, t): (usize, f64)) -> Along {
         let steps = &self.along[span];
         let index = index % SPAN_STEPS;
         angles::between(&steps[index], &steps[index + 1], t as f32)
@@ -298,18 +295,22 @@ impl Tabulated {
     /// The span of θi, and how far along it.
     #[inline(always)]
     fn between(&self, theta_i: f64) -> (usize, Between) {
-        let (step, _) = step_of(theta_i * (GUIDES as f64 / FRAC_PI_2), GUIDES as f64);
+        let index = self.span_of(theta_i, guide_step(theta_i));
+        let Span { from, inverse, node, next, .. } = self.spans[index];
+        (index, Between { node, next, fraction: fraction_of_span(theta_i, from, inverse) })
+    }
+
+    /// The span of θi, whose [`guide_step`] is known.
+    #[inline(always)]
+    fn span_of(&self, theta_i: f64, guide_step: usize) -> usize {
         // A step may have been rounded up to: the guide of the one before.
-        let guided = usize::from(self.guide[step.saturating_sub(1)]);
-        let begun = |index: usize| self.spans.get(index + 1).is_some_and(|next| next.from <= theta_i);
+        let guided = usize::from(self.guide[guide_step.saturating_sub(1)]);
         // One step without a branch, which random angles would mispredict; more are seldom.
-        let mut index = guided + usize::from(begun(guided));
-        while begun(index) {
+        let mut index = guided + usize::from(self.starts[guided + 1] <= theta_i);
+        while self.starts[index + 1] <= theta_i {
             index += 1;
         }
-        let span = &self.spans[index];
-        let fraction = least((theta_i - span.from) * span.inverse, 1.0);
-        (index, Between { node: span.node, next: span.next, fraction })
+        index
     }
 
     /// Whether the table is a reciprocal one.
@@ -515,6 +516,24 @@ fn concentration_of_sine(sin_i: f64, width: f64) -> f64 {
 #[inline(always)]
 fn azimuth_of(y2: f64) -> f64 {
     2.0 * angle(y2.sqrt(), greatest(1.0 - y2, 0.0).sqrt())
+}
+
+/// Step of [`Tabulated::guide`] at an angle.
+#[inline(always)]
+fn guide_step(theta_i: f64) -> usize {
+    step_of(theta_i * (GUIDES as f64 / FRAC_PI_2), GUIDES as f64).0
+}
+
+/// How far θi is along its span.
+#[inline(always)]
+fn fraction_of_span(theta_i: f64, from: f64, inverse: f64) -> f64 {
+    least((theta_i - from) * inverse, 1.0)
+}
+
+/// Step of a span's [`Along`], and how far to the next.
+#[inline(always)]
+fn along_step(fraction: f64) -> (usize, f64) {
+    step_of(fraction * SPAN_STEPS as f64, (SPAN_STEPS - 1) as f64)
 }
 
 /// Chooses between two with the probability of the first, and what is left of the random number.

@@ -1,8 +1,11 @@
 //! The lobes of many pairs at once.
 
+use super::DENSITIES;
 use super::{Along, Between, Incidence, Tabulated};
-use super::{DENSITIES, Values};
-use super::{azimuth_of, concentration_of_sine, densities_of_plane, restored, scale_of_space};
+use super::{
+    along_step, azimuth_of, concentration_of_sine, densities_of_plane, fraction_of_span, guide_step,
+    restored, scale_of_space,
+};
 use crate::angles::{self, INVERSE_TAU};
 use crate::azimuth::{self, Forward, NARROW, narrow_decay};
 use crate::lanes::{Directions, LANES, Lane, Steps, each, put};
@@ -40,13 +43,32 @@ impl Tabulated {
 
     #[inline(always)]
     fn incidences_at(&self, theta: &Lane, sin: &Lane, cos: &Lane) -> Incidences {
+        let mut steps = [0; LANES];
+        for (step, theta) in steps.iter_mut().zip(theta) {
+            *step = guide_step(*theta);
+        }
         let none = Between { node: 0, next: 0, fraction: 0.0 };
-        let (mut between, mut along, mut width) = ([none; LANES], [[0.0; 4]; LANES], [0.0; LANES]);
+        let (mut spans, mut between) = ([0; LANES], [none; LANES]);
+        let [mut from, mut inverse, mut width, mut widening] = [[0.0; LANES]; 4];
         for k in 0..LANES {
-            let (span, place) = self.between(theta[k]);
-            between[k] = place;
-            along[k] = self.along(span, place.fraction);
-            width[k] = self.decay_width_at(span, place.fraction);
+            spans[k] = self.span_of(theta[k], steps[k]);
+            let span = &self.spans[spans[k]];
+            (between[k].node, between[k].next) = (span.node, span.next);
+            (from[k], inverse[k], width[k], widening[k]) =
+                (span.from, span.inverse, span.width, span.widening);
+        }
+        let [fraction, width] = each!(theta = theta, from = from, inverse = inverse, width = width, widening = widening => {
+            let fraction = fraction_of_span(theta, from, inverse);
+            [fraction, width + fraction * widening]
+        });
+        let mut step = Steps { index: [0; LANES], fraction: [0.0; LANES] };
+        for k in 0..LANES {
+            (step.index[k], step.fraction[k]) = along_step(fraction[k]);
+        }
+        let mut along = [[0.0; 4]; LANES];
+        for k in 0..LANES {
+            between[k].fraction = fraction[k];
+            along[k] = self.along(spans[k], (step.index[k], step.fraction[k]));
         }
         let [centre, gain_lo, gain_hi, moved] = each!(theta = theta => {
             let (columns, moved) = self.columns_at(theta);
@@ -140,16 +162,24 @@ impl Tabulated {
         } else {
             [[0.0; LANES]; 3]
         };
-        let mut found = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
+        let (mut forward, mut retro) = ([[0.0; 4]; LANES], [[0.0; 4]; LANES]);
         for k in 0..LANES {
-            let forward = self.read(at.between[k], 0, ahead.cell(k));
-            let retro = self.read(at.between[k], 0, behind.cell(k));
-            if values {
-                let read = angles::between(&retro, &forward, share[k] as f32);
-                put(&mut found.0, k, restored(&at.along[k], &read));
+            forward[k] = self.read(at.between[k], 0, ahead.cell(k));
+            retro[k] = self.read(at.between[k], 0, behind.cell(k));
+        }
+        let mut found = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
+        if values {
+            let mut mixed = [[0.0; 4]; LANES];
+            for k in 0..LANES {
+                mixed[k] = angles::between(&retro[k], &forward[k], share[k] as f32);
             }
-            if densities {
-                let of_cells = densities_of_plane(&forward, &retro, per_ahead[k], per_back[k]);
+            for (k, mixed) in mixed.iter().enumerate() {
+                put(&mut found.0, k, restored(&at.along[k], mixed));
+            }
+        }
+        if densities {
+            for k in 0..LANES {
+                let of_cells = densities_of_plane(&forward[k], &retro[k], per_ahead[k], per_back[k]);
                 put(&mut found.1, k, self.density(at, k, of_cells, scale[k], sin_o[k]));
             }
         }
@@ -178,13 +208,18 @@ impl Tabulated {
         } else {
             [[0.0; LANES]]
         };
+        let mut read = [[0.0; 4]; LANES];
+        for (k, read) in read.iter_mut().enumerate() {
+            *read = self.read_rows(at.between[k], rows.cell(k), columns.cell(k));
+        }
         let mut found = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
-        for k in 0..LANES {
-            let read: Values = self.read_rows(at.between[k], rows.cell(k), columns.cell(k));
-            if values {
-                put(&mut found.0, k, restored(&at.along[k], &read));
+        if values {
+            for (k, read) in read.iter().enumerate() {
+                put(&mut found.0, k, restored(&at.along[k], read));
             }
-            if densities {
+        }
+        if densities {
+            for (k, read) in read.iter().enumerate() {
                 let of_cells = [f64::from(read[DENSITIES]), f64::from(read[DENSITIES + 1])];
                 put(&mut found.1, k, self.density(at, k, of_cells, scale[k], sin_o[k]));
             }
