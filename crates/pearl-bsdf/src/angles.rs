@@ -57,13 +57,13 @@ pub(crate) fn half_azimuth2(a: (f64, f64), b: (f64, f64)) -> f64 {
 
 /// The smaller of two numbers that are not NaN, in one instruction.
 #[inline(always)]
-pub(crate) fn least(a: f64, b: f64) -> f64 {
+pub(crate) fn least<T: PartialOrd>(a: T, b: T) -> T {
     if a < b { a } else { b }
 }
 
 /// The larger of two numbers that are not NaN, in one instruction; `b` for a NaN in `a`.
 #[inline(always)]
-pub(crate) fn greatest(a: f64, b: f64) -> f64 {
+pub(crate) fn greatest<T: PartialOrd>(a: T, b: T) -> T {
     if a > b { a } else { b }
 }
 
@@ -98,15 +98,6 @@ pub(crate) fn turned(u: f64) -> (f64, f64) {
     let (a, b) = if quarters & 1 == 0 { (cos, sin) } else { (sin, cos) };
     let negated = |x: f64, negative: u64| f64::from_bits(x.to_bits() ^ (negative << 63));
     (negated(a, (quarters ^ (quarters >> 1)) & 1), negated(b, (quarters >> 1) & 1))
-}
-
-/// Between which nodes x lies in a table of equal steps, and how far from the first of them to the second: x is the number of
-/// the node and the fraction together. 0 ≤ x < 2³¹, `last` is the last step; exactly at a node, either side of it may be named.
-#[inline(always)]
-pub(crate) fn step_of(x: f64, last: f64) -> (usize, f64) {
-    // The addition rounds to a whole number and leaves it in the lowest bits: fewer instructions than a saturating cast.
-    let rounded = least(x - 0.5, last) + ROUNDER;
-    ((rounded.to_bits() & 0xFFFF_FFFF) as usize, x - (rounded - ROUNDER))
 }
 
 /// 1.5·2^52: added to a smaller number, rounds it to a whole one.
@@ -178,28 +169,6 @@ pub(crate) fn exp(x: f64) -> f64 {
     if x < -700.0 { 0.0 } else { power * scale }
 }
 
-/// [`exp`] of each x, two for little more than the price of one.
-#[inline(always)]
-pub(crate) fn exp_each<const N: usize>(mut x: [f64; N]) -> [f64; N] {
-    for x in &mut x {
-        *x = exp(*x);
-    }
-    x
-}
-
-/// asinh of each x ≥ 0 to an absolute error of 1e-12, which is all that a position needs.
-#[inline(always)]
-pub(crate) fn asinh<const N: usize>(x: [f64; N]) -> [f64; N] {
-    let mut arc = x;
-    for arc in &mut arc {
-        *arc += (1.0 + *arc * *arc).sqrt();
-    }
-    for arc in &mut arc {
-        *arc = ln(*arc);
-    }
-    arc
-}
-
 /// a + t·(b − a), four at a time.
 #[inline(always)]
 pub(crate) fn between(a: &[f32; 4], b: &[f32; 4], t: f32) -> [f32; 4] {
@@ -241,11 +210,6 @@ mod tests {
             let (sine, cosine) = (TAU * turns).sin_cos();
             // TAU·turns itself is rounded.
             assert!((cos - cosine).abs() < 4e-15 && (sin - sine).abs() < 4e-15, "{turns}: {cos} {sin}");
-            let (node, fraction) = step_of(1e-3 * f64::from(i), 3.0);
-            assert!(
-                (node as f64 + fraction - 1e-3 * f64::from(i)).abs() < 1e-12
-                    && (0.0..=1.0).contains(&fraction)
-            );
             assert!((cotangent(0.9_f64.sin(), 0.9_f64.cos(), d) * sum.tan() - 1.0).abs() < 1e-8, "{d}");
         }
         assert_eq!((ln(1.0), exp(0.0), exp(-701.5), exp(f64::NEG_INFINITY)), (0.0, 1.0, 0.0, 0.0));

@@ -3,8 +3,9 @@
 //! Near the normal u ≈ θ/2, so that what a table knows at every degree is resolved; near the horizon cos θ ≈ 4(1 − u)²,
 //! so that albedos that fall off within a few σ are too. Two square roots a look-up, no arc cosine.
 
-use crate::angles::{between, greatest, least, step_of};
+use crate::angles::{between, greatest, least};
 use crate::quadrature::gauss_legendre;
+use crate::single::step_of;
 
 /// Steps of the grid.
 pub(crate) const STEPS: usize = 1024;
@@ -27,7 +28,7 @@ pub(crate) fn quads(at: impl Fn(usize) -> [f64; 4]) -> Quads {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
     pub(crate) index: usize,
-    pub(crate) fraction: f64,
+    pub(crate) fraction: f32,
 }
 
 impl Place {
@@ -44,7 +45,7 @@ impl Place {
         let u = cos.map(Self::steps_of_cos);
         let mut places = [Self { index: 0, fraction: 0.0 }; N];
         for (place, u) in places.iter_mut().zip(u) {
-            let (index, fraction) = step_of(u, (STEPS - 1) as f64);
+            let (index, fraction) = step_of(u, (STEPS - 1) as f32);
             *place = Self { index, fraction };
         }
         places
@@ -52,22 +53,22 @@ impl Place {
 
     /// Steps of the grid up to the angle of a cosine.
     #[inline(always)]
-    pub(crate) fn steps_of_cos(cos: f64) -> f64 {
-        (1.0 - least(greatest(cos, 0.0), 1.0).sqrt()).sqrt() * STEPS as f64
+    pub(crate) fn steps_of_cos(cos: f64) -> f32 {
+        (1.0 - least(greatest(cos as f32, 0.0), 1.0).sqrt()).sqrt() * STEPS as f32
     }
 
     /// Four curves read here, linearly between their nodes.
     #[inline(always)]
     pub(crate) fn read4(self, curves: &Quads) -> [f32; 4] {
         let (a, b) = self.around(curves);
-        between(a, b, self.fraction as f32)
+        between(a, b, self.fraction)
     }
 
     /// A curve read here.
     #[inline(always)]
     pub(crate) fn read(self, curve: &[f64; NODES]) -> f64 {
         let (a, b) = self.around(curve);
-        a + self.fraction * (b - a)
+        a + f64::from(self.fraction) * (b - a)
     }
 
     #[inline(always)]
@@ -79,8 +80,9 @@ impl Place {
 
     /// Adds a mass here to a histogram over the nodes, split linearly.
     pub(crate) fn deposit(self, mass: f64, histogram: &mut [f64; NODES]) {
-        histogram[self.index] += (1.0 - self.fraction) * mass;
-        histogram[self.index + 1] += self.fraction * mass;
+        let fraction = f64::from(self.fraction);
+        histogram[self.index] += (1.0 - fraction) * mass;
+        histogram[self.index + 1] += fraction * mass;
     }
 }
 

@@ -6,9 +6,10 @@
 //! P(m) = exp(−(p² + q²)/2σ²)/(2πσ² m_z³), and dωm = dωo/(4 wi·m).
 
 use crate::Direction;
-use crate::angles::{Polar, exp, greatest, least};
+use crate::angles::{Polar, greatest, least};
 use crate::normal::{of_upper_tail, upper_tail};
 use crate::quadrature::gauss_legendre;
+use crate::single::exp;
 use lut_io::table::SurfaceModel;
 use std::f64::consts::TAU;
 
@@ -29,8 +30,8 @@ pub(crate) struct Facets {
     exponent: f64,
     peak: f64,
     /// Index of the first layer over that of the ambient.
-    index_ratio: f64,
-    inverse_ratio2: f64,
+    index_ratio: f32,
+    inverse_ratio2: f32,
     /// Whether facets are met in proportion to their projected area.
     visible: bool,
 }
@@ -102,8 +103,8 @@ impl Facets {
             sigma,
             exponent: -0.5 / (sigma * sigma),
             peak: 1.0 / (TAU * sigma * sigma),
-            index_ratio: model.n_first / model.n_ambient,
-            inverse_ratio2: (model.n_ambient / model.n_first).powi(2),
+            index_ratio: (model.n_first / model.n_ambient) as f32,
+            inverse_ratio2: (model.n_ambient / model.n_first).powi(2) as f32,
             visible: model.normals == "visible",
         }
     }
@@ -116,7 +117,7 @@ impl Facets {
     /// P(m)/(4 wi·m): density of facets in solid angle of wo.
     #[inline(always)]
     pub(crate) fn facing(&self, half: &Half) -> f64 {
-        let density = self.peak * exp(self.exponent * half.slope2);
+        let density = self.peak * f64::from(exp((self.exponent * half.slope2) as f32));
         density * (half.steep * half.steep * half.steep) / (4.0 * half.cos)
     }
 
@@ -223,15 +224,17 @@ impl Facets {
         // The smaller tails are subtracted, so that nothing cancels on either side.
         let (a, b) = (lo / self.sigma, hi / self.sigma);
         let (near, far) = if a > 0.0 { (a, b) } else { (-b, -a) };
-        upper_tail(near) - upper_tail(far)
+        let near_tail = upper_tail(near as f32);
+        let kept = if nothing_beyond(near, far) { near_tail } else { near_tail - upper_tail(far as f32) };
+        f64::from(kept)
     }
 
     fn truncated_normal(&self, lo: f64, hi: f64, u: f64) -> Option<f64> {
         let (a, b) = (lo / self.sigma, hi / self.sigma);
         // In the variable that falls towards the tail: the far side of both limits keeps its digits.
         let (a, b, sign) = if a > 0.0 { (a, b, 1.0) } else { (-b, -a, -1.0) };
-        let near = if a <= -FAR { 1.0 } else { upper_tail(a) };
-        let far = if b >= FAR && a <= FAR { 0.0 } else { upper_tail(b) };
+        let near = if a <= -FAR { 1.0 } else { f64::from(upper_tail(a as f32)) };
+        let far = if nothing_beyond(a, b) { 0.0 } else { f64::from(upper_tail(b as f32)) };
         if near - far <= 0.0 {
             return None;
         }
@@ -243,7 +246,7 @@ impl Facets {
     /// Unpolarised Fresnel reflectance at the cosine of the local angle of incidence.
     #[inline(always)]
     pub(crate) fn fresnel(&self, cos: f64) -> f64 {
-        let ratio = self.index_ratio;
+        let (cos, ratio) = (cos as f32, self.index_ratio);
         let cos_t2 = 1.0 - (1.0 - cos * cos) * self.inverse_ratio2;
         if cos_t2 <= 0.0 {
             return 1.0;
@@ -253,8 +256,14 @@ impl Facets {
         let (p, p_sum) = (ratio * cos - cos_t, ratio * cos + cos_t);
         // (s/s_sum)² + (p/p_sum)² with one division.
         let (both, crossed) = (s_sum * p_sum, [s * p_sum, p * s_sum]);
-        0.5 * (crossed[0] * crossed[0] + crossed[1] * crossed[1]) / (both * both)
+        f64::from(0.5 * (crossed[0] * crossed[0] + crossed[1] * crossed[1]) / (both * both))
     }
+}
+
+/// Whether the normal distribution has nothing worth counting beyond the farther of two limits, in σ.
+#[inline(always)]
+fn nothing_beyond(near: f64, far: f64) -> bool {
+    (far >= FAR) & (near <= FAR)
 }
 
 /// The slope q across the plane of incidence of the facet that reflects one direction to the other.

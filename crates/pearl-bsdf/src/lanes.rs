@@ -2,14 +2,16 @@
 //! compiler turns it into vector instructions, and the results are the same bits whatever their width.
 
 use crate::Direction;
-use crate::angles::{Polar, step_of};
+use crate::angles::Polar;
 use crate::curve::{Place, STEPS};
+use crate::single::step_of;
 
 /// Pairs handled together.
 pub(crate) const LANES: usize = 16;
 
-/// One number a lane.
+/// One number a lane, in double and in single precision.
 pub(crate) type Lane = [f64; LANES];
+pub(crate) type Single = [f32; LANES];
 
 /// `each!(a = lane_a, b = lane_b => [x, y])` is lanes of x and y, made of a and b lane by lane. A macro, not a function that takes a
 /// closure: large closures are not inlined, and a call in a loop keeps it from being vectorised.
@@ -27,7 +29,7 @@ pub(crate) use each;
 
 /// Sets one lane of several numbers.
 #[inline(always)]
-pub(crate) fn put<const N: usize>(lanes: &mut [Lane; N], k: usize, numbers: [f64; N]) {
+pub(crate) fn put<T, const N: usize>(lanes: &mut [[T; LANES]; N], k: usize, numbers: [T; N]) {
     for (lane, x) in lanes.iter_mut().zip(numbers) {
         lane[k] = x;
     }
@@ -36,13 +38,13 @@ pub(crate) fn put<const N: usize>(lanes: &mut [Lane; N], k: usize, numbers: [f64
 /// Between which nodes of equal steps each lane is.
 pub(crate) struct Steps {
     pub(crate) index: [usize; LANES],
-    pub(crate) fraction: Lane,
+    pub(crate) fraction: Single,
 }
 
 impl Steps {
     /// [`step_of`] of every lane.
     #[inline(always)]
-    pub(crate) fn of(x: &Lane, last: f64) -> Self {
+    pub(crate) fn of(x: &Single, last: f32) -> Self {
         let mut steps = Self { index: [0; LANES], fraction: [0.0; LANES] };
         for ((index, fraction), &x) in steps.index.iter_mut().zip(&mut steps.fraction).zip(x) {
             (*index, *fraction) = step_of(x, last);
@@ -54,7 +56,7 @@ impl Steps {
     #[inline(always)]
     pub(crate) fn of_cosines(cos: &Lane) -> Self {
         let [u] = each!(cos = cos => [Place::steps_of_cos(cos)]);
-        Self::of(&u, (STEPS - 1) as f64)
+        Self::of(&u, (STEPS - 1) as f32)
     }
 
     #[inline(always)]

@@ -31,6 +31,7 @@ pub mod measured;
 mod normal;
 mod quadrature;
 pub mod round_trip;
+mod single;
 mod tabulated;
 mod warp;
 

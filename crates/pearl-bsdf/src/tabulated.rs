@@ -12,8 +12,9 @@
 
 pub(crate) mod many;
 
-use crate::angles::{self, INVERSE_TAU, Polar, angle, greatest, least, step_of, turned};
+use crate::angles::{self, INVERSE_TAU, Polar, greatest, least, turned};
 use crate::azimuth::{self, Forward};
+use crate::single::{angle, step_of};
 use crate::warp::{Cell, Warp};
 use lut_io::axis::ExitAxis;
 use lut_io::decay;
@@ -94,8 +95,8 @@ struct Span {
     node: usize,
     next: usize,
     /// w of the decay postulate at `from`, and what it gains to the end, radians.
-    width: f64,
-    widening: f64,
+    width: f32,
+    widening: f32,
 }
 
 /// What is known along θi, of interior and rehit: the factor that restores the albedo, and the share of what is sampled that
@@ -133,7 +134,7 @@ struct Sampling {
 struct Between {
     node: usize,
     next: usize,
-    fraction: f64,
+    fraction: f32,
 }
 
 /// The table at one incidence.
@@ -143,7 +144,7 @@ pub(crate) struct Incidence {
     along: Along,
     columns: Warp,
     /// Decay tables: sin θi / w². Walk tables: the width of the φ cells.
-    azimuth: f64,
+    azimuth: f32,
 }
 
 /// Both tabulated components at a pair of directions.
@@ -207,7 +208,7 @@ impl Tabulated {
     fn cap_shares(&self, theta_i: f64) -> [f64; 2] {
         let (_, between) = self.between(theta_i);
         let columns = Warp::new(&self.axis.columns_at(theta_i));
-        let position = |s: f64| columns.position(s).0;
+        let position = |s: f64| f64::from(columns.position(s).0);
         let from = if self.signed() { position(-self.cap.radius) } else { 0.0 };
         let to = position(self.cap.radius);
         [0, 1].map(|component| {
@@ -222,8 +223,8 @@ impl Tabulated {
                 rows.sum()
             };
             let total = self.mixed_totals(between)[component];
-            let mixed =
-                (1.0 - between.fraction) * inside(between.node) + between.fraction * inside(between.next);
+            let fraction = f64::from(between.fraction);
+            let mixed = (1.0 - fraction) * inside(between.node) + fraction * inside(between.next);
             if total > 0.0 { (mixed / total).clamp(0.0, 1.0) } else { 0.0 }
         })
     }
@@ -258,28 +259,31 @@ impl Tabulated {
     fn columns_at(&self, theta_i: f64) -> (Warp, f64) {
         let (width, cells) = (self.cell_width, self.columns);
         let lo = if self.signed() { -FRAC_PI_2 } else { 0.0 };
-        let withdrawal = |room: f64| (room * room + width * width).sqrt() - room;
-        let moved = withdrawal(theta_i - lo) - withdrawal(FRAC_PI_2 - theta_i);
+        let width2 = (width * width) as f32;
+        // √(room² + width²) − room without its cancellation.
+        let withdrawal = |room: f32| width2 / ((room * room + width2).sqrt() + room);
+        let moved = f64::from(withdrawal((theta_i - lo) as f32) - withdrawal((FRAC_PI_2 - theta_i) as f32));
         (Warp::two_sided(lo, theta_i + moved, FRAC_PI_2, width, self.inverse_width, cells), moved)
     }
 
     /// Width of the φ cells of walk tables at an incidence.
     #[inline(always)]
-    fn row_width(&self, sin_i: f64, cos_i: f64, moved: f64) -> f64 {
-        self.cell_width * angles::cotangent(sin_i, cos_i, moved)
+    fn row_width(&self, sin_i: f64, cos_i: f64, moved: f64) -> f32 {
+        (self.cell_width * angles::cotangent(sin_i, cos_i, moved)) as f32
     }
 
     /// The φ axis of walk tables whose φ cells have this width.
     #[inline(always)]
-    fn around(&self, width: f64) -> Warp {
+    fn around(&self, width: f32) -> Warp {
+        let width = f64::from(width);
         Warp::one_sided(0.0, PI, width, 1.0 / width, self.rows)
     }
 
     #[inline(always)]
-    fn along(&self, span: usize, (index, t): (usize, f64)) -> Along {
+    fn along(&self, span: usize, (index, t): (usize, f32)) -> Along {
         let steps = &self.along[span];
         let index = index % SPAN_STEPS;
-        angles::between(&steps[index], &steps[index + 1], t as f32)
+        angles::between(&steps[index], &steps[index + 1], t)
     }
 
     /// The exit cells.
@@ -289,7 +293,7 @@ impl Tabulated {
 
     /// A width in φ, radians, that resolves the decay around the mirror direction.
     pub(crate) fn decay_width(&self, at: &Incidence, sin_o: f64) -> f64 {
-        if self.signed() { (0.5 / (at.azimuth * sin_o).sqrt()).clamp(1e-7, 1.0) } else { 1.0 }
+        if self.signed() { (0.5 / (f64::from(at.azimuth) * sin_o).sqrt()).clamp(1e-7, 1.0) } else { 1.0 }
     }
 
     /// The span of θi, and how far along it.
@@ -351,15 +355,15 @@ impl Tabulated {
         let [(forward, per_ahead), (retro, per_back)] = at.columns.positions([theta_o, -theta_o]);
         let forward = self.read(at.between, 0, Cell::new(forward, self.columns));
         let retro = self.read(at.between, 0, Cell::new(retro, self.columns));
-        let concentration = at.azimuth * sin_o;
-        let values = angles::between(&retro, &forward, azimuth::decay(concentration, y2) as f32);
+        let (concentration, y2) = (at.azimuth * sin_o as f32, y2 as f32);
+        let values = angles::between(&retro, &forward, azimuth::decay(concentration, y2));
         let densities = densities_of_plane(
             &forward,
             &retro,
             Forward::new(concentration).pdf(y2) * per_ahead,
-            INVERSE_TAU * per_back,
+            INVERSE_TAU as f32 * per_back,
         );
-        let densities = self.per_steradian(at.between, &at.along, densities, 1.0 / sin_o, sin_o);
+        let densities = self.per_steradian(at.between, &at.along, densities, 1.0 / sin_o as f32, sin_o);
         Light { values: restored(&at.along, &values), densities }
     }
 
@@ -371,7 +375,7 @@ impl Tabulated {
         let (row, per_phi) = self.around(at.azimuth).position(phi);
         let (column, row) = (Cell::new(column, self.columns), Cell::new(row, self.rows));
         let read = self.read_rows(at.between, row, column);
-        let densities = [f64::from(read[DENSITIES]), f64::from(read[DENSITIES + 1])];
+        let densities = [read[DENSITIES], read[DENSITIES + 1]];
         let scale = scale_of_space(per_theta, per_phi, sin_o);
         let densities = self.per_steradian(at.between, &at.along, densities, scale, sin_o);
         Light { values: restored(&at.along, &read), densities }
@@ -383,25 +387,26 @@ impl Tabulated {
         &self,
         between: Between,
         along: &Along,
-        densities: [f64; 2],
-        scale: f64,
+        densities: [f32; 2],
+        scale: f32,
         sin_o: f64,
     ) -> [f64; 2] {
         if sin_o < self.cap.sin {
             return [0, 1].map(|c| f64::from(along[CAP + c]) * self.cap.density);
         }
         let totals = self.mixed_totals(between);
-        let share = |c: usize| if totals[c] > 0.0 { densities[c] * scale / totals[c] } else { 0.0 };
+        let share =
+            |c: usize| if totals[c] > 0.0 { f64::from(densities[c] * scale / totals[c] as f32) } else { 0.0 };
         [share(0), share(1)]
     }
 
     /// The [`Values`] at a row.
     #[inline(always)]
     fn read(&self, between: Between, row: usize, cell: Cell) -> Values {
-        let along = cell.fraction as f32;
+        let along = cell.fraction;
         let near = self.read_node(between.node, row, cell.index, along);
         let far = self.read_node(between.next, row, cell.index, along);
-        angles::between(&near, &far, between.fraction as f32)
+        angles::between(&near, &far, between.fraction)
     }
 
     /// The [`Values`] between two rows of a walk table.
@@ -409,7 +414,7 @@ impl Tabulated {
     fn read_rows(&self, between: Between, row: Cell, column: Cell) -> Values {
         let near = self.read(between, row.index, column);
         let far = self.read(between, row.index + 1, column);
-        angles::between(&near, &far, row.fraction as f32)
+        angles::between(&near, &far, row.fraction)
     }
 
     #[inline(always)]
@@ -422,7 +427,8 @@ impl Tabulated {
     #[inline(always)]
     fn mixed_totals(&self, between: Between) -> [f64; 2] {
         let (a, b) = (self.totals[between.node], self.totals[between.next]);
-        [0, 1].map(|c| a[c] + between.fraction * (b[c] - a[c]))
+        let fraction = f64::from(between.fraction);
+        [0, 1].map(|c| a[c] + fraction * (b[c] - a[c]))
     }
 
     /// An exit direction (θo, and cos φ, sin φ) of one component from three uniform numbers.
@@ -437,6 +443,7 @@ impl Tabulated {
         let around = |u: f64| turned(u - 0.5);
         let sampling = &self.sampling[component];
         let Between { node, next, fraction } = at.between;
+        let fraction = f64::from(fraction);
         let (near, far) =
             ((1.0 - fraction) * self.totals[node][component], fraction * self.totals[next][component]);
         if near + far <= 0.0 {
@@ -451,7 +458,8 @@ impl Tabulated {
                     // Neither the number that chose the row nor v has said anything yet.
                     return Some((self.cap.theta(select), around(v)));
                 }
-                let phi = if s >= 0.0 { Forward::new(at.azimuth * s.sin()).sample(v) } else { around(v) };
+                let phi =
+                    if s >= 0.0 { Forward::new(at.azimuth * s.sin() as f32).sample(v) } else { around(v) };
                 Some((s.abs(), phi))
             }
             false => {
@@ -460,16 +468,16 @@ impl Tabulated {
                 let totals = &sampling.row_total[rows.clone()];
                 let guide = &sampling.row_guide[rows.clone()];
                 let position = invert(|k| totals[k], &sampling.row_cdf[rows], guide, v);
-                let row = Cell::new(position, self.rows);
-                let (near, far) =
-                    ((1.0 - row.fraction) * totals[row.index], row.fraction * totals[row.index + 1]);
+                let row = Cell::new(position as f32, self.rows);
+                let fraction = f64::from(row.fraction);
+                let (near, far) = ((1.0 - fraction) * totals[row.index], fraction * totals[row.index + 1]);
                 let (row, select) = split(select, near / (near + far), row.index, row.index + 1);
                 let theta_o = at.columns.at(self.invert_row(sampling, node, row, u)).clamp(0.0, FRAC_PI_2);
                 if theta_o < self.cap.radius {
                     let range = self.range(node, row);
                     let density = |k: usize| f64::from(self.cells[range.start + k][DENSITIES + component]);
                     let cdf = &sampling.cdf[range.clone()];
-                    let edge = at.columns.position(self.cap.radius).0;
+                    let edge = f64::from(at.columns.position(self.cap.radius).0);
                     let within = cumulated(density, cdf, edge) / total(density, cdf);
                     return Some((self.cap.theta((u / within).min(1.0)), around(select)));
                 }
@@ -495,45 +503,45 @@ fn restored(along: &Along, values: &Values) -> [f64; 2] {
 
 /// Sampling densities of a decay table per position in s and azimuth: of what is read ahead and of what is read behind.
 #[inline(always)]
-fn densities_of_plane(forward: &Values, retro: &Values, ahead: f64, back: f64) -> [f64; 2] {
-    let density = |c: usize| f64::from(forward[c]) * ahead + f64::from(retro[c]) * back;
+fn densities_of_plane(forward: &Values, retro: &Values, ahead: f32, back: f32) -> [f32; 2] {
+    let density = |c: usize| forward[c] * ahead + retro[c] * back;
     [density(DENSITIES), density(DENSITIES + 1)]
 }
 
 /// Positions of a walk table per solid angle: half of the light is on either side of the plane of incidence.
 #[inline(always)]
-fn scale_of_space(per_theta: f64, per_phi: f64, sin_o: f64) -> f64 {
-    0.5 * per_theta * per_phi / sin_o
+fn scale_of_space(per_theta: f32, per_phi: f32, sin_o: f64) -> f32 {
+    0.5 * per_theta * per_phi / sin_o as f32
 }
 
 /// sin θi / w², which the sine of θo turns into the concentration of the decay.
 #[inline(always)]
-fn concentration_of_sine(sin_i: f64, width: f64) -> f64 {
-    sin_i / (width * width)
+fn concentration_of_sine(sin_i: f64, width: f32) -> f32 {
+    sin_i as f32 / (width * width)
 }
 
 /// |φ| from sin²(φ/2).
 #[inline(always)]
 fn azimuth_of(y2: f64) -> f64 {
-    2.0 * angle(y2.sqrt(), greatest(1.0 - y2, 0.0).sqrt())
+    f64::from(2.0 * angle((y2 as f32).sqrt(), greatest((1.0 - y2) as f32, 0.0).sqrt()))
 }
 
 /// Step of [`Tabulated::guide`] at an angle.
 #[inline(always)]
 fn guide_step(theta_i: f64) -> usize {
-    step_of(theta_i * (GUIDES as f64 / FRAC_PI_2), GUIDES as f64).0
+    step_of(theta_i as f32 * (GUIDES as f64 / FRAC_PI_2) as f32, GUIDES as f32).0
 }
 
 /// How far θi is along its span.
 #[inline(always)]
-fn fraction_of_span(theta_i: f64, from: f64, inverse: f64) -> f64 {
-    least((theta_i - from) * inverse, 1.0)
+fn fraction_of_span(theta_i: f64, from: f64, inverse: f64) -> f32 {
+    least(((theta_i - from) * inverse) as f32, 1.0)
 }
 
 /// Step of a span's [`Along`], and how far to the next.
 #[inline(always)]
-fn along_step(fraction: f64) -> (usize, f64) {
-    step_of(fraction * SPAN_STEPS as f64, (SPAN_STEPS - 1) as f64)
+fn along_step(fraction: f32) -> (usize, f32) {
+    step_of(fraction * SPAN_STEPS as f32, (SPAN_STEPS - 1) as f32)
 }
 
 /// Chooses between two with the probability of the first, and what is left of the random number.
@@ -640,8 +648,8 @@ fn spans(table: &Table) -> Vec<Span> {
         inverse: 1.0 / (to - from),
         node,
         next,
-        width: width(node),
-        widening: width(next) - width(node),
+        width: width(node) as f32,
+        widening: (width(next) - width(node)) as f32,
     };
     let last = theta.len() - 1;
     let mut spans = Vec::with_capacity(theta.len() + 1);

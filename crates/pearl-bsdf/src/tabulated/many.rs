@@ -8,7 +8,7 @@ use super::{
 };
 use crate::angles::{self, INVERSE_TAU};
 use crate::azimuth::{self, Forward, NARROW, narrow_decay};
-use crate::lanes::{Directions, LANES, Lane, Steps, each, put};
+use crate::lanes::{Directions, LANES, Lane, Single, Steps, each, put};
 use crate::warp::Cell;
 
 /// The table at the incidences of every lane.
@@ -16,15 +16,16 @@ pub(crate) struct Incidences {
     between: [Between; LANES],
     along: [Along; LANES],
     /// Of the columns' axis: centre, and gains on either side.
-    columns: [Lane; 3],
+    centre: Lane,
+    gains: [Single; 2],
     /// As in [`Incidence`].
-    azimuth: Lane,
+    azimuth: Single,
 }
 
 /// Cells around an exit, with dposition/dx there.
 struct Cells {
     steps: Steps,
-    per_x: Lane,
+    per_x: Single,
 }
 
 impl Cells {
@@ -49,13 +50,13 @@ impl Tabulated {
         }
         let none = Between { node: 0, next: 0, fraction: 0.0 };
         let (mut spans, mut between) = ([0; LANES], [none; LANES]);
-        let [mut from, mut inverse, mut width, mut widening] = [[0.0; LANES]; 4];
+        let ([mut from, mut inverse], [mut width, mut widening]) = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
         for k in 0..LANES {
             spans[k] = self.span_of(theta[k], steps[k]);
             let span = &self.spans[spans[k]];
             (between[k].node, between[k].next) = (span.node, span.next);
-            (from[k], inverse[k], width[k], widening[k]) =
-                (span.from, span.inverse, span.width, span.widening);
+            (from[k], inverse[k]) = (span.from, span.inverse);
+            (width[k], widening[k]) = (span.width, span.widening);
         }
         let [fraction, width] = each!(theta = theta, from = from, inverse = inverse, width = width, widening = widening => {
             let fraction = fraction_of_span(theta, from, inverse);
@@ -70,23 +71,25 @@ impl Tabulated {
             between[k].fraction = fraction[k];
             along[k] = self.along(spans[k], (step.index[k], step.fraction[k]));
         }
-        let [centre, gain_lo, gain_hi, moved] = each!(theta = theta => {
-            let (columns, moved) = self.columns_at(theta);
-            let [centre, gain_lo, gain_hi] = columns.centre_and_gains();
-            [centre, gain_lo, gain_hi, moved]
-        });
+        let (mut centre, mut gains, mut moved) = ([0.0; LANES], [[0.0; LANES]; 2], [0.0; LANES]);
+        for k in 0..LANES {
+            let (columns, by) = self.columns_at(theta[k]);
+            let (around, gain) = columns.centre_and_gains();
+            (centre[k], moved[k]) = (around, by);
+            put(&mut gains, k, gain);
+        }
         let [azimuth] = if self.signed() {
             each!(sin = sin, width = width => [concentration_of_sine(sin, width)])
         } else {
             each!(sin = sin, cos = cos, moved = moved => [self.row_width(sin, cos, moved)])
         };
-        Incidences { between, along, columns: [centre, gain_lo, gain_hi], azimuth }
+        Incidences { between, along, centre, gains, azimuth }
     }
 
     /// The incidence of one lane.
     #[inline(always)]
     pub(crate) fn incidence_of(&self, at: &Incidences, lane: usize) -> Incidence {
-        let columns = self.some_columns.recentred(at.columns.each_ref().map(|x| x[lane]));
+        let columns = self.some_columns.recentred(at.centre[lane], [at.gains[0][lane], at.gains[1][lane]]);
         Incidence { between: at.between[lane], along: at.along[lane], columns, azimuth: at.azimuth[lane] }
     }
 
@@ -153,11 +156,12 @@ impl Tabulated {
     ) -> ([Lane; 2], [Lane; 2]) {
         let ahead = self.column_cells(at, theta_o, 1.0);
         let behind = self.column_cells(at, theta_o, -1.0);
-        let [concentration] = each!(azimuth = at.azimuth, sin_o = sin_o => [azimuth * sin_o]);
-        let share = if values { decays(&concentration, y2) } else { [0.0; LANES] };
+        let [concentration] = each!(azimuth = at.azimuth, sin_o = sin_o => [azimuth * sin_o as f32]);
+        let [y2] = each!(y2 = y2 => [y2 as f32]);
+        let share = if values { decays(&concentration, &y2) } else { [0.0; LANES] };
         let [per_ahead, per_back, scale] = if densities {
             each!(x = concentration, y2 = y2, ahead = ahead.per_x, behind = behind.per_x, sin_o = sin_o => {
-                [Forward::new(x).pdf(y2) * ahead, INVERSE_TAU * behind, 1.0 / sin_o]
+                [Forward::new(x).pdf(y2) * ahead, INVERSE_TAU as f32 * behind, 1.0 / sin_o as f32]
             })
         } else {
             [[0.0; LANES]; 3]
@@ -171,7 +175,7 @@ impl Tabulated {
         if values {
             let mut mixed = [[0.0; 4]; LANES];
             for k in 0..LANES {
-                mixed[k] = angles::between(&retro[k], &forward[k], share[k] as f32);
+                mixed[k] = angles::between(&retro[k], &forward[k], share[k]);
             }
             for (k, mixed) in mixed.iter().enumerate() {
                 put(&mut found.0, k, restored(&at.along[k], mixed));
@@ -220,7 +224,7 @@ impl Tabulated {
         }
         if densities {
             for (k, read) in read.iter().enumerate() {
-                let of_cells = [f64::from(read[DENSITIES]), f64::from(read[DENSITIES + 1])];
+                let of_cells = [read[DENSITIES], read[DENSITIES + 1]];
                 put(&mut found.1, k, self.density(at, k, of_cells, scale[k], sin_o[k]));
             }
         }
@@ -228,16 +232,16 @@ impl Tabulated {
     }
 
     #[inline(always)]
-    fn density(&self, at: &Incidences, lane: usize, of_cells: [f64; 2], scale: f64, sin_o: f64) -> [f64; 2] {
+    fn density(&self, at: &Incidences, lane: usize, of_cells: [f32; 2], scale: f32, sin_o: f64) -> [f64; 2] {
         self.per_steradian(at.between[lane], &at.along[lane], of_cells, scale, sin_o)
     }
 
     /// Where exits at `side`·θo are among the columns.
     #[inline(always)]
     fn column_cells(&self, at: &Incidences, theta_o: &Lane, side: f64) -> Cells {
-        let [centre, gain_lo, gain_hi] = &at.columns;
+        let (centre, [gain_lo, gain_hi]) = (&at.centre, &at.gains);
         let [position, per_x] = each!(theta_o = theta_o, centre = centre, lo = gain_lo, hi = gain_hi => {
-            let (position, per_x) = self.some_columns.recentred([centre, lo, hi]).position(side * theta_o);
+            let (position, per_x) = self.some_columns.recentred(centre, [lo, hi]).position(side * theta_o);
             [position, per_x]
         });
         cells(&position, per_x, self.columns)
@@ -246,7 +250,7 @@ impl Tabulated {
 
 /// The cells around positions.
 #[inline(always)]
-fn cells(position: &Lane, per_x: Lane, cells: usize) -> Cells {
+fn cells(position: &Single, per_x: Single, cells: usize) -> Cells {
     let mut steps = Steps { index: [0; LANES], fraction: [0.0; LANES] };
     for (k, position) in position.iter().enumerate() {
         let cell = Cell::new(*position, cells);
@@ -257,7 +261,7 @@ fn cells(position: &Lane, per_x: Lane, cells: usize) -> Cells {
 
 /// [`azimuth::decay`] of every lane.
 #[inline(always)]
-fn decays(concentration: &Lane, y2: &Lane) -> Lane {
+fn decays(concentration: &Single, y2: &Single) -> Single {
     let [mut decays] = each!(x = concentration, y2 = y2 => [narrow_decay(x, y2)]);
     // Seldom.
     if concentration.iter().any(|x| *x <= NARROW) {
