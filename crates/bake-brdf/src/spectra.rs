@@ -50,13 +50,9 @@ const fn reflectance_price(repeats: bool, absorbs: bool) -> [f64; 2] {
 }
 /// The same for stacks deeper than [`DEEPEST`], whose periods are doubled.
 const DOUBLED_PRICE: [f64; 2] = [1.3e-5, 0.0];
-/// The same for a wave with its field. Where the stack absorbs, fields need the robust form.
-const fn field_price(repeats: bool, absorbs: bool) -> [f64; 2] {
-    match (repeats, absorbs) {
-        (_, false) => [1e-7, 1.1e-8],
-        (true, true) => [5e-7, 4e-7],
-        (false, true) => [5e-7, 6.1e-7],
-    }
+/// The same for a wave with its field, which needs the robust form where the stack absorbs.
+const fn field_price(absorbs: bool) -> [f64; 2] {
+    if absorbs { [5e-7, 4.2e-7] } else { [1e-7, 1.1e-8] }
 }
 /// Members of an ensemble of irregular stacks: at least, and as many as bring the hue to ΔE00 ≈ 0.5.
 const FEWEST_MEMBERS: f64 = 2.0;
@@ -334,18 +330,18 @@ fn absorbs(stack: &Stack) -> bool {
 pub fn forecast(recipe: &Recipe, wanted: Wanted) -> [f64; 2] {
     let stack = wave_stack(recipe, wanted);
     let absorbs = absorbs(&stack);
-    let repeats = |stack: &Stack| !stack.is_irregular() && stack.runs.iter().any(|run| run.repeat > 1);
+    let repeats = !stack.is_irregular() && stack.runs.iter().any(|run| run.repeat > 1);
     let seconds = |[wave, layer]: [f64; 2], effort: &Effort, stack: &Stack| {
         effort.waves * (wave + layer * stack.layer_count() as f64)
     };
     let coherent = || {
         let deep = stack.layer_count() > DEEPEST as u128;
-        let price = if deep { DOUBLED_PRICE } else { reflectance_price(repeats(&stack), absorbs) };
+        let price = if deep { DOUBLED_PRICE } else { reflectance_price(repeats, absorbs) };
         seconds(price, &coherent_effort(&stack).1, &stack)
     };
     let illuminant = || {
         let stack = shortened(stack.clone(), DEEPEST);
-        seconds(field_price(repeats(&stack), absorbs), &illuminant_effort(&stack).1, &stack)
+        seconds(field_price(absorbs), &illuminant_effort(&stack).1, &stack)
     };
     [
         if wanted.coherent == Want::No { 0.0 } else { coherent() },
