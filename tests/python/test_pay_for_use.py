@@ -40,8 +40,8 @@ def counted(example):
     return json.loads(done.stdout)
 
 
-# Not met yet (docs/EFFECTS.md): the compiler moves and negates registers that it does not in the kernels written for these alone.
-OVER = {"plane, visible", "plane, polarisation"}
+# Not met yet (docs/EFFECTS.md): the compiler moves and negates registers that it does not in the kernel written for this alone.
+OVER = {"plane, visible"}
 
 
 @pytest.mark.parametrize("kernel", KERNELS)

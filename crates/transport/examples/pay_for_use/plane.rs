@@ -1,4 +1,4 @@
-//! Plane walks that know one thing each: light in a periodic stack, and at most one effect. Tilts are small but where light is tracked.
+//! Plane walks that know one thing each: light in a periodic stack, and at most one effect. Tilts are small.
 //!
 //! Nothing here can be switched: what a kernel does not name it does not have.
 
@@ -18,17 +18,6 @@ fn facet(alpha: f32) -> [f32; 2] {
     const COS: [f32; 3] = [9.999_999_832_286e-1, -4.999_958_571_152e-1, 4.151_503_033_840e-2];
     let square = alpha * alpha;
     [alpha * polynomial(&SIN, square), polynomial(&COS, square)]
-}
-
-/// The same for a tilt up to 74°: by double angles, from a 32nd of it.
-#[inline(always)]
-fn wide_facet(alpha: f32) -> [f32; 2] {
-    let [mut sin, mut cos] = facet(alpha * (1.0 / 32.0));
-    for _ in 0..5 {
-        let double = sin + sin;
-        (sin, cos) = (double * cos, (-double).mul_add(sin, 1.0));
-    }
-    [sin, cos]
 }
 
 /// cos θ1 on a facet.
@@ -170,7 +159,7 @@ impl Kernel<4, 4> for Absorbing {
     }
 }
 
-/// Polarisation tracked, facets of any slope: x, z, and −1 for s, 1 for p.
+/// Polarisation tracked: x, z, and −1 for s, 1 for p.
 #[derive(Clone, Copy)]
 pub(crate) struct Polarised(Stack);
 
@@ -201,7 +190,7 @@ impl Kernel<3, 4> for Polarised {
     #[inline(always)]
     fn meet(&self, ray: Ray<3>, drawn: &[f32; 4], event: usize, rests: bool) -> Ray<3> {
         let [x, z, polarisation] = ray.numbers;
-        let facet = wide_facet(drawn[event]);
+        let facet = facet(drawn[event]);
         let ratio = self.0.ratio(&ray);
         let a = cosine([x, z], facet);
         let a = choose((a > 0.0) & !rests, a, 0.0);

@@ -323,7 +323,7 @@ fn film<R: Real>(transport: &Transport) -> Film<R> {
 
 /// Runs the kernel of a variant, compiled for a level.
 ///
-/// Small slopes have kernels of their own in 32 bits; tracked light, 64-bit plane walks and walks at sheets always halve tilts.
+/// Small slopes have kernels of their own in 32 bits; 64-bit plane walks and walks at sheets always halve tilts.
 fn run<R: Real>(
     level: SimdLevel,
     variant: Variant,
@@ -337,6 +337,8 @@ fn run<R: Real>(
         (PLAIN, 1) if !wide => shaped::<R, 1, PLAIN>(level, variant, problem, job, out),
         (PLAIN, 3) if !wide => shaped::<R, 3, PLAIN>(level, variant, problem, job, out),
         (PLAIN, _) => shaped::<R, 6, PLAIN>(level, variant, problem, job, out),
+        (TRACKED, 1) if !wide => shaped::<R, 1, TRACKED>(level, variant, problem, job, out),
+        (TRACKED, 3) if !wide => shaped::<R, 3, TRACKED>(level, variant, problem, job, out),
         (TRACKED, _) => shaped::<R, 6, TRACKED>(level, variant, problem, job, out),
         (SHEETS, SPACE) if wide => shaped::<R, SPACE, SHEETS>(level, variant, problem, job, out),
         (SHEETS, _) if wide => shaped::<R, 6, SHEETS>(level, variant, problem, job, out),
