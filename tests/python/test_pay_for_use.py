@@ -1,4 +1,4 @@
-"""An effect that is off costs nothing: instructions per crossing of the walk against kernels written without effects."""
+"""An effect that is off costs nothing: instructions per crossing of the walk against kernels written without it."""
 
 import json
 import os
@@ -21,18 +21,32 @@ def example():
     return EXAMPLE
 
 
-def test_the_kernels_written_without_effects_walk_the_same_paths(example):
+KERNELS = ["plane, no effect", "plane, absorption", "plane, visible", "plane, polarisation"]
+KERNELS += ["space, no effect", "space, absorption", "space, visible"]
+
+
+def test_the_kernels_written_for_one_effect_at_most_walk_the_same_paths(example):
     done = subprocess.run([example, "--compare"], capture_output=True, text=True)
-    assert (done.returncode, done.stdout.split("\n")[:2]) == (0, ["plane: same bits", "space: same bits"])
+    assert (done.returncode, done.stdout.splitlines()) == (0, [f"{kernel}: same bits" for kernel in KERNELS])
 
 
-def test_effects_that_are_off_add_no_instruction_to_a_crossing(example):
+@pytest.fixture(scope="module")
+def counted(example):
     if not shutil.which("valgrind"):
         pytest.skip("no valgrind here (apt-get install valgrind), which counts the instructions")
     script = [sys.executable, ROOT / "tools" / "pay_for_use.py", "--example", example]
-    done = subprocess.run([*map(str, script), "--only-off", "--paths", "1000", "--json"], capture_output=True, text=True)
+    done = subprocess.run([*map(str, script), "--only-lean", "--paths", "1000", "--json"], capture_output=True, text=True)
     assert done.returncode in (0, 3), done.stderr
-    found = json.loads(done.stdout)
-    assert found["same_bits"]
-    for dim, apart in found["apart"].items():
-        assert apart <= 0.01, (dim, found)
+    return json.loads(done.stdout)
+
+
+# Not met yet (docs/EFFECTS.md): the compiler moves and negates registers that it does not in the kernel written for this alone.
+OVER = {"plane, visible"}
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_effects_that_are_off_add_no_instruction_to_a_crossing(counted, kernel, request):
+    if kernel in OVER:
+        request.applymarker(pytest.mark.xfail(strict=True, reason="over 1 %"))
+    assert counted["same_bits"]
+    assert counted["apart"][kernel.replace("no effect", "off")] <= 0.01, counted

@@ -8,6 +8,7 @@ use crate::recipe::{AzimuthMode, Recipe};
 use crate::scene::Scene;
 use crate::spectra::{self, Wanted};
 use serde::Serialize;
+use transport::Geometry;
 use transport::walk::lanes::Precision;
 
 /// How a bake is to be done, whatever the recipe.
@@ -337,8 +338,14 @@ const SPECTRUM_BYTES: [u64; 2] = [80_000, 27_000];
 /// metadata.
 const OVERHEAD_SECONDS: f64 = 0.01;
 const HEADER_BYTES: u64 = 5_000;
-/// Seconds of one core that a row of a table takes beside its solution: CPU time of plane bakes, less the solver's.
-const ROW_SECONDS: f64 = 1.6e-3;
+/// Seconds that a row of a table takes beside its solution, most of them on one thread: CPU time of bakes of 11 to 91 incidences, less
+/// the solver's (in space 2.3e-3 of a walk and 3.8e-3 of doubling).
+const fn row_seconds(geometry: Geometry) -> f64 {
+    match geometry {
+        Geometry::Plane => 5e-4,
+        Geometry::Space => 3e-3,
+    }
+}
 /// Bytes of metadata an incidence, and compressed bytes a cell, by solver: measured on the paper's pearl.
 const INCIDENCE_BYTES: u64 = 700;
 const WALK_CELL_BYTES: f64 = 22.0;
@@ -350,6 +357,6 @@ fn lobe_cost(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<C
     let cells = forecast.cells as f64;
     let each = if solver == SolverChoice::Doubling { DOUBLING_CELL_BYTES } else { WALK_CELL_BYTES };
     let bytes = INCIDENCE_BYTES * request.incident_deg.len() as u64 + (cells * each) as u64;
-    let rows = ROW_SECONDS * forecast.rows as f64 / rayon::current_num_threads() as f64;
+    let rows = row_seconds(request.geometry()) * forecast.rows as f64;
     Ok(Cost { seconds: forecast.seconds + rows, bytes })
 }

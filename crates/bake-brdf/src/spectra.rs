@@ -32,18 +32,28 @@ const STEP_DEG: usize = 3;
 const GRAZING_DEG: f64 = 89.9;
 /// Most wavelengths a band: 0.25 nm resolve fringes of 0.84 nm; finer ones (thicker stacks) are sampled at these points.
 const FINEST: f64 = 20.0;
-/// Layers × wavelengths × angles × polarisations × members that one quantity may cost: about 3 s of one core at 1 ns, 60 ns
-/// (irregular stacks, in which many waves need the robust form), 4 ns and 150 ns (fields in absorbing or irregular ones).
+/// Layers × wavelengths × angles × polarisations × members that one quantity may have: what a forecast prices are the waves that this
+/// comes to.
 const REFLECTANCE_WORK: f64 = 3e9;
 const IRREGULAR_WORK: f64 = 5e7;
 const FIELD_WORK: f64 = 7e8;
 const SLOW_FIELD_WORK: f64 = 2e7;
-/// Seconds of one AVX-512 core that each of these takes: CPU time of bakes on a busy 2-core machine (the paper's pearl, the
-/// golden one).
-const REFLECTANCE_SECONDS: f64 = 1.4;
-const IRREGULAR_SECONDS: f64 = 3.8;
-const FIELD_SECONDS: f64 = 5.8;
-const SLOW_FIELD_SECONDS: f64 = 3.8;
+/// Seconds of one AVX-512 core that a wave takes by itself and for each layer, by whether the stack repeats and whether it absorbs:
+/// CPU time of stacks of 1 to 10,000 layers on a busy 2-core machine.
+const fn reflectance_price(repeats: bool, absorbs: bool) -> [f64; 2] {
+    match (repeats, absorbs) {
+        (true, false) => [1.3e-7, 1.9e-10],
+        (true, true) => [2e-7, 5e-10],
+        (false, false) => [5e-8, 2.5e-9],
+        (false, true) => [6e-8, 6.3e-9],
+    }
+}
+/// The same for stacks deeper than [`DEEPEST`], whose periods are doubled.
+const DOUBLED_PRICE: [f64; 2] = [1.3e-5, 0.0];
+/// The same for a wave with its field, which needs the robust form where the stack absorbs.
+const fn field_price(absorbs: bool) -> [f64; 2] {
+    if absorbs { [5e-7, 4.2e-7] } else { [1e-7, 1.1e-8] }
+}
 /// Members of an ensemble of irregular stacks: at least, and as many as bring the hue to ΔE00 ≈ 0.5.
 const FEWEST_MEMBERS: f64 = 2.0;
 const MEMBERS: f64 = 64.0;
@@ -303,30 +313,35 @@ fn illuminant_effort(stack: &Stack) -> (Vec<f64>, Effort) {
     (theta_deg, effort)
 }
 
-/// Whether fields need the slow form: in irregular stacks and in those that absorb.
+/// Whether fields are followed as if they needed the slow form: in irregular stacks and in those that absorb.
 fn has_slow_fields(stack: &Stack) -> bool {
-    let absorbs = |material: &Material| {
+    stack.is_irregular() || absorbs(stack)
+}
+
+fn absorbs(stack: &Stack) -> bool {
+    stack.materials.iter().any(|material| {
         let in_table = matches!(&material.n, Dispersion::Table(rows) if rows.iter().any(|row| row[2] != 0.0));
         material.k != 0.0 || in_table
-    };
-    stack.is_irregular() || stack.materials.iter().any(absorbs)
+    })
 }
 
 /// Seconds of one core that M and Ê take, each 0 where it is not wanted.
 #[must_use]
 pub fn forecast(recipe: &Recipe, wanted: Wanted) -> [f64; 2] {
-    let seconds = |(budget, work): (f64, f64), effort: &Effort| budget * effort.work / work;
     let stack = wave_stack(recipe, wanted);
+    let absorbs = absorbs(&stack);
+    let repeats = !stack.is_irregular() && stack.runs.iter().any(|run| run.repeat > 1);
+    let seconds = |[wave, layer]: [f64; 2], effort: &Effort, stack: &Stack| {
+        effort.waves * (wave + layer * stack.layer_count() as f64)
+    };
     let coherent = || {
-        let regular = (REFLECTANCE_SECONDS, REFLECTANCE_WORK);
-        let rate = if stack.is_irregular() { (IRREGULAR_SECONDS, IRREGULAR_WORK) } else { regular };
-        seconds(rate, &coherent_effort(&stack).1)
+        let deep = stack.layer_count() > DEEPEST as u128;
+        let price = if deep { DOUBLED_PRICE } else { reflectance_price(repeats, absorbs) };
+        seconds(price, &coherent_effort(&stack).1, &stack)
     };
     let illuminant = || {
         let stack = shortened(stack.clone(), DEEPEST);
-        let fast = (FIELD_SECONDS, FIELD_WORK);
-        let rate = if has_slow_fields(&stack) { (SLOW_FIELD_SECONDS, SLOW_FIELD_WORK) } else { fast };
-        seconds(rate, &illuminant_effort(&stack).1)
+        seconds(field_price(absorbs), &illuminant_effort(&stack).1, &stack)
     };
     [
         if wanted.coherent == Want::No { 0.0 } else { coherent() },
@@ -348,8 +363,8 @@ struct Effort {
     per_band: usize,
     /// Members of an ensemble.
     members: u64,
-    /// Layers × wavelengths × angles × polarisations × members.
-    work: f64,
+    /// Wavelengths × angles × polarisations × members.
+    waves: f64,
 }
 
 impl Effort {
@@ -367,7 +382,7 @@ impl Effort {
         Self {
             per_band: per_band as usize,
             members: members as u64,
-            work: a_wavelength_a_band * per_band * members,
+            waves: (2 * BANDS * angles) as f64 * per_band * members,
         }
     }
 }
@@ -679,6 +694,27 @@ mod tests {
         assert!(colours.missing[0].1.contains("n = -0."), "{:?}", colours.missing);
         let error = of(&violet, Wanted::by_effects(effects, true)).unwrap_err().to_string();
         assert!(error.starts_with("effects: coherent cannot be had: ") && !error.contains('\n'), "{error}");
+    }
+
+    #[test]
+    fn colours_of_more_layers_are_predicted_to_take_longer_and_absorbing_ones_longest() {
+        // Few enough layers that neither members nor wavelengths are spared.
+        let stack = |layers: u32, k: f64, sd: f64| {
+            recipe(&format!(
+                r#"{{"stack": {{"layers": {layers}, "aragonite": {{"k": {k}, "thickness_sd_nm": {sd}}}}}}}"#
+            ))
+        };
+        for sd in [0.0, 20.0] {
+            let [few, more, absorbing] =
+                [(10, 0.0), (40, 0.0), (40, 1e-3)].map(|(layers, k)| forecast(&stack(layers, k, sd), BOTH));
+            for colour in 0..2 {
+                assert!(0.0 < few[colour] && few[colour] < more[colour], "{sd}: {few:?} {more:?}");
+                assert!(more[colour] < absorbing[colour], "{sd}: {more:?} {absorbing:?}");
+            }
+        }
+        // Ê of a clear irregular stack goes through the fast lanes.
+        assert!(forecast(&stack(40, 0.0, 20.0), BOTH)[1] < 0.1 * forecast(&stack(40, 1e-3, 20.0), BOTH)[1]);
+        assert_eq!(forecast(&stack(40, 0.0, 0.0), Wanted::default()), [0.0; 2]);
     }
 
     #[test]

@@ -218,6 +218,8 @@ fn bad_scenes_are_refused_in_one_line_that_names_the_place() {
         (one_pearl("<string name=\"id\"\nvalue=\"a&#65;&#xD800;\"/>"), "s.xml:4: &#xD800; is no character of XML"),
         (one_pearl("<string name=\"id\" value=\"&#0;\"/>"), "s.xml:3: not XML"),
         (one_pearl("text &#x110000;"), "s.xml:3: &#x110000; is no character of XML"),
+        (one_pearl("&#xD800;<![CDATA[x]]>"), "s.xml:3: &#xD800; is no character of XML"),
+        (one_pearl("<![CDATA[&#0;]]>\n<!-- &#1; --><?x &#2;?>&#65;\n<![CDATA[x]]>&#x110001;"), "s.xml:5: &#x110001; is no character of XML"),
         (one_pearl("<string name=\"depth\" value=\"0.5\"/>"), "s.xml:3: pearl: depth is a <string>; expected <float>"),
         (one_pearl("<float name=\"depth\"/>"), "s.xml:3: pearl: depth needs the attribute value"),
         (one_pearl("<float name=\"depth\" value=\"$d\"/>"), "s.xml:3: $d has no value; give it one with <default name=\"d\""),
@@ -262,6 +264,38 @@ fn bad_scenes_are_refused_in_one_line_that_names_the_place() {
         assert_eq!(output.status.code(), Some(2), "{args:?}: {line}");
         assert!(line.contains(said) && line.trim_end().lines().count() == 1, "{args:?}: {line}");
     }
+}
+
+#[test]
+fn scenes_in_another_encoding_than_utf_8_are_refused_with_its_name() {
+    let text = "<?xml version=\"1.0\"?>\n<scene version=\"3.0.0\"/>";
+    let utf16 = |order: fn(u16) -> [u8; 2]| text.encode_utf16().flat_map(order).collect::<Vec<u8>>();
+    let little: Vec<u8> = [&[0xff, 0xfe], &utf16(u16::to_le_bytes)[..]].concat();
+    let big: Vec<u8> = [&[0xfe, 0xff], &utf16(u16::to_be_bytes)[..]].concat();
+    let utf32: Vec<u8> = text.chars().flat_map(|c| u32::from(c).to_le_bytes()).collect();
+    for (bytes, said) in [
+        (little, "s.xml: the encoding is UTF-16, expected UTF-8"),
+        (big, "s.xml: the encoding is UTF-16, expected UTF-8"),
+        (utf16(u16::to_le_bytes), "s.xml: the encoding is UTF-16, expected UTF-8"),
+        (utf16(u16::to_be_bytes), "s.xml: the encoding is UTF-16, expected UTF-8"),
+        ([&[0xff, 0xfe, 0, 0], &utf32[..]].concat(), "s.xml: the encoding is UTF-32, expected UTF-8"),
+        (utf32, "s.xml: the encoding is UTF-32, expected UTF-8"),
+        (b"<scene>\n<!-- perl\xe9 --></scene>".to_vec(), "s.xml: line 2 is not encoded in UTF-8"),
+    ] {
+        let folder = folder();
+        fs::write(folder.path().join("s.xml"), bytes).expect("writes");
+        write(folder.path(), "including.xml", "<scene>\n<include filename=\"s.xml\"/></scene>");
+        for scene in ["s.xml", "including.xml"] {
+            let output = tool(folder.path(), &["plan", "--scene", scene]);
+            let line = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(2), "{line}");
+            assert!(line.contains(said) && line.trim_end().lines().count() == 1, "expected {said:?}: {line}");
+        }
+    }
+    let marked = format!("\u{feff}{}", one_pearl(""));
+    let folder = folder();
+    write(folder.path(), "s.xml", &marked);
+    assert!(tool(folder.path(), &["plan", "--scene", "s.xml"]).status.success(), "UTF-8 may have its mark");
 }
 
 /// Scenes made to eat memory or time, in 600 MB of address space.

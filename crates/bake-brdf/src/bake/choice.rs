@@ -286,3 +286,61 @@ fn crossing_weight(request: &Request, transport: &Transport) -> f64 {
         * factor(transport.facets.normals == Normals::Visible, VISIBLE)
         * factor(transport.absorbs(), ABSORBING)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Observer, forecast_at};
+    use super::*;
+    use crate::effects::Effect;
+    use crate::recipe::Recipe;
+
+    fn request(layers: usize, target: Target) -> Request {
+        let text = format!(r#"{{"stack": {{"layers": {layers}}}, "facets": {{"slope_sd_deg": 2}}}}"#);
+        let request = Request::new(Recipe::from_json(&text).unwrap(), target);
+        let effects = [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect();
+        Request { effects, incident_deg: vec![0.0, 20.0, 40.0, 60.0, 80.0], ..request }
+    }
+
+    fn seconds(request: &Request, solver: SolverChoice) -> f64 {
+        forecast_at(request, &Bands::own(&request.recipe), solver, &Observer::idle()).unwrap().seconds
+    }
+
+    #[test]
+    fn a_forecast_counts_in_that_bands_are_chosen() {
+        let plain = request(40, Target::AccuracyPercent(1.0));
+        let mut dispersed = plain.clone();
+        dispersed.effects = dispersed.effects.union([Effect::Dispersion].into_iter().collect());
+        let [with, without] = [&dispersed, &plain].map(|request| seconds(request, SolverChoice::Doubling));
+        let choosing = super::super::bands::seconds_to_choose(&dispersed).unwrap();
+        let threads = rayon::current_num_threads() as f64;
+        assert!(
+            choosing > 0.0 && ((with - without) * threads / choosing - 1.0).abs() < 1e-9,
+            "{with} {without}"
+        );
+    }
+
+    #[test]
+    fn a_forecast_counts_in_what_is_solved_half_way() {
+        // Of the solution and of the coarser one: five incidences and the middles of the four intervals.
+        let doubled = request(40, Target::AccuracyPercent(1.0));
+        let counts = doubling_counts(&doubled, &doubled.transport().unwrap(), 0.01);
+        let incidences = OPERATIONS.iter().position(|name| *name == "incidence").unwrap();
+        assert_eq!(counts[incidences], 2.0 * 9.0);
+        // A walk of one path takes no time beside its own.
+        let walked = request(40, Target::Paths(1));
+        let beside = seconds_beside_walk(&walked, &walked.transport().unwrap(), 0.0);
+        let threads = rayon::current_num_threads() as f64;
+        assert!(beside > 0.0 && seconds(&walked, SolverChoice::Walk) >= beside / threads, "{beside}");
+    }
+
+    #[test]
+    fn doubling_takes_longer_for_more_layers_incidences_and_accuracy() {
+        let of = |layers, percent, degrees: usize| {
+            let incident_deg = (0..=90).step_by(degrees).map(|angle| angle as f64).collect();
+            let request = Request { incident_deg, ..request(layers, Target::AccuracyPercent(percent)) };
+            seconds(&request, SolverChoice::Doubling)
+        };
+        let base = of(40, 1.0, 10);
+        assert!(base > 0.0 && base < of(400, 1.0, 10) && base < of(40, 0.1, 10) && base < of(40, 1.0, 3));
+    }
+}

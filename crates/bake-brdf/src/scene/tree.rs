@@ -162,11 +162,12 @@ impl Loader {
         let left = (MAX_BYTES - self.bytes) as u64;
         let named = |why: String| format!("{}: {why}", path.display());
         let file = std::fs::File::open(path).map_err(|error| named(error.to_string()))?;
-        let mut text = String::new();
-        file.take(left + 1).read_to_string(&mut text).map_err(|error| named(error.to_string()))?;
-        if text.len() as u64 > left {
+        let mut bytes = Vec::new();
+        file.take(left + 1).read_to_end(&mut bytes).map_err(|error| named(error.to_string()))?;
+        if bytes.len() as u64 > left {
             return Err(named(format!("the files of the scene are longer than {MAX_BYTES} bytes together")));
         }
+        let text = decoded(bytes).map_err(named)?;
         self.bytes += text.len();
         let canonical = path.canonicalize().map_err(|error| named(error.to_string()))?;
         let lines = std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect();
@@ -189,6 +190,11 @@ impl Loader {
             let name = &self.files.list[file].name;
             SceneError(shortened(&format!("{name}:{}: {}", error.pos().row, xml_problem(&error))))
         })?;
+        if let Some(reference) = bad_reference(&text) {
+            let place = self.files.place_of((file, reference.start));
+            let problem = format!("{place}: {} is no character of XML", &text[reference]);
+            return Err(SceneError(shortened(&problem)));
+        }
         self.nodes = self.nodes.saturating_sub(document.root().descendants().count() as u32).max(1);
         let root = document.root_element();
         let inner = match (root.first_child(), root.last_child()) {
@@ -217,14 +223,10 @@ impl Loader {
             return Err(self.files.refuse(&element, format!("elements nest deeper than {MAX_DEPTH}")));
         }
         for attribute in node.attributes() {
-            self.check_references(file, attribute.range_value())?;
             let value =
                 self.substitute(attribute.value()).map_err(|problem| self.files.refuse(&element, problem))?;
             let range = attribute.range_value();
             element.attributes.push(Attribute { name: attribute.name().to_owned(), value, range });
-        }
-        for text in node.children().filter(|child| child.is_text()) {
-            self.check_references(file, text.range())?;
         }
         for child in node.children().filter(roxmltree::Node::is_element) {
             let child = self.element(child, file, depth + 1)?;
@@ -245,27 +247,6 @@ impl Loader {
             element.children.push(child);
         }
         Ok(element)
-    }
-
-    /// Refuses `&#…;` that name no XML character: the parser reads some of them as U+FFFD.
-    fn check_references(&self, file: usize, range: Range<usize>) -> Result<(), SceneError> {
-        let text = &self.files.list[file].text[range.clone()];
-        if text.contains("<![CDATA[") {
-            return Ok(()); // where they are not references
-        }
-        for (at, _) in text.match_indices("&#") {
-            let reference = text[at..].split_inclusive(';').next().unwrap_or_default();
-            let digits = reference.trim_start_matches("&#").trim_end_matches(';');
-            let code = match digits.strip_prefix('x') {
-                Some(digits) => u32::from_str_radix(digits, 16),
-                None => digits.parse(),
-            };
-            if !code.ok().and_then(char::from_u32).is_some_and(is_xml_character) {
-                let place = self.files.place_of((file, range.start + at));
-                return Err(SceneError(shortened(&format!("{place}: {reference} is no character of XML"))));
-            }
-        }
-        Ok(())
     }
 
     fn required<'e>(&self, element: &'e Element, name: &str) -> Result<&'e str, SceneError> {
@@ -360,16 +341,59 @@ impl Loader {
     }
 }
 
+/// The text of a scene file, or why there is none.
+fn decoded(bytes: Vec<u8>) -> Result<String, String> {
+    let other = match bytes[..] {
+        [0xff, 0xfe, 0, 0, ..] | [0, 0, 0xfe, 0xff, ..] | [b'<', 0, 0, 0, ..] | [0, 0, 0, b'<', ..] => {
+            Some("UTF-32")
+        }
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] | [b'<', 0, ..] | [0, b'<', ..] => Some("UTF-16"),
+        _ => None,
+    };
+    if let Some(encoding) = other {
+        return Err(format!("the encoding is {encoding}, expected UTF-8"));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let line = 1 + before.iter().filter(|byte| **byte == b'\n').count();
+        format!("line {line} is not encoded in UTF-8, as scenes must be")
+    })
+}
+
+/// Where what starts at a byte ends, if it is a comment, character data or a processing instruction: in them `&`, `=` and quotes
+/// mean themselves.
+fn end_of_literal(text: &str, start: usize) -> Option<usize> {
+    let literals = [("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>")];
+    let (open, close) = literals.into_iter().find(|(open, _)| text[start..].starts_with(open))?;
+    let inside = start + open.len();
+    Some(text[inside..].find(close).map_or(text.len(), |end| inside + end + close.len()))
+}
+
+/// The first `&#…;` of a document that names no XML character: the parser reads some of them as U+FFFD.
+fn bad_reference(text: &str) -> Option<Range<usize>> {
+    let mut at = 0;
+    while let Some(start) = text[at..].find(['<', '&']).map(|found| at + found) {
+        at = end_of_literal(text, start).unwrap_or(start + 1);
+        let Some(number) = text[start..].strip_prefix("&#") else { continue };
+        let digits = number.split(';').next().unwrap_or_default();
+        let code = match digits.strip_prefix('x') {
+            Some(digits) => u32::from_str_radix(digits, 16),
+            None => digits.parse(),
+        };
+        if !code.ok().and_then(char::from_u32).is_some_and(is_xml_character) {
+            return Some(start..start + "&#;".len() + digits.len());
+        }
+    }
+    None
+}
+
 /// The first element with more than [`MAX_ATTRIBUTES`], by its first byte.
 fn crowded(text: &str) -> Option<usize> {
     let bytes = text.as_bytes();
     let mut at = 0;
     while let Some(start) = text[at..].find('<').map(|found| at + found) {
-        // Comments and character data have no attributes, and quotes that need no partner.
-        let skipped =
-            [("<!--", "-->"), ("<![CDATA[", "]]>")].iter().find(|(open, _)| text[start..].starts_with(open));
-        if let Some((_, close)) = skipped {
-            at = text[start..].find(close).map_or(text.len(), |end| start + end + close.len());
+        if let Some(end) = end_of_literal(text, start) {
+            at = end;
             continue;
         }
         let (mut quote, mut count) = (None, 0);

@@ -4,6 +4,12 @@
 #[derive(Clone, Copy)]
 pub(crate) struct Stream([u64; 2]);
 
+/// State of xoshiro128+.
+pub(crate) type Generator = [u32; 4];
+
+/// Optical depth up to which absorption is a weight.
+const WEIGHT_DEPTH: f64 = 6.0;
+
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 const STREAMS: u64 = 0x243f_6a88_85a3_08d3;
 
@@ -20,18 +26,32 @@ impl Stream {
         Self([first, mix(first.wrapping_add(GOLDEN))])
     }
 
+    /// The generator of a path, and 32 bits beside it.
     #[inline(always)]
-    pub(crate) fn path(self, path: u64) -> [u32; 4] {
+    pub(crate) fn path(self, path: u64) -> (Generator, u32) {
         let counter = mix(path.wrapping_mul(GOLDEN).wrapping_add(self.0[0]));
         let low = mix(counter ^ self.0[1]);
         let high = mix(low.wrapping_add(GOLDEN).wrapping_add(counter));
-        [low as u32, (low >> 32) as u32, high as u32, (high >> 32) as u32 | 1]
+        let generator = [low as u32, (low >> 32) as u32, high as u32, (high >> 32) as u32 | 1];
+        (generator, (counter >> 32) as u32)
     }
 }
 
-/// xoshiro128+.
+/// Optical depth at which a path ends whose 32 bits are `spare`: beyond [`WEIGHT_DEPTH`] it survives with probability
+/// exp(−(τ − τ0)).
 #[inline(always)]
-pub(crate) fn next(state: &mut [u32; 4]) -> u32 {
+pub(crate) fn absorption_limit(spare: u32) -> f32 {
+    (WEIGHT_DEPTH - libm::log((f64::from(spare) + 0.5) / 4_294_967_296.0)) as f32
+}
+
+/// Weight of a path of an optical depth.
+#[inline(always)]
+pub(crate) fn weight(depth: f32) -> f32 {
+    libm::exp(-f64::from(depth).min(WEIGHT_DEPTH)) as f32
+}
+
+#[inline(always)]
+pub(crate) fn next(state: &mut Generator) -> u32 {
     let [s0, s1, s2, s3] = *state;
     let (t2, t3) = (s2 ^ s0, s3 ^ s1);
     *state = [s0 ^ t3, s1 ^ t2, t2 ^ (s1 << 9), t3.rotate_left(11)];

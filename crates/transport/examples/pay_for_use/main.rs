@@ -1,18 +1,22 @@
-//! Does the walk pay for effects that are off? Walks paths by the library's kernel or by one written without any effect.
+//! Does the walk pay for effects that are off? Walks paths by the library's kernel or by one written without those effects.
 //!
 //! `pay_for_use --kernel walk|lean --dim 2|3 --paths N [--effect absorption|visible|explicit|polarisation|sheets|f64, several by +] [--level portable|avx2]`
-//! walks, and prints the crossings; `tools/pay_for_use.py` counts the instructions. `pay_for_use --compare` says whether both
-//! kernels give the same exits, bit by bit: exit code 3 if not.
+//! walks, and prints the crossings; `tools/pay_for_use.py` counts the instructions. Lean kernels are written for no effect, and for each
+//! of absorption, visible and polarisation (plane) alone. `pay_for_use --compare` says whether each of them gives the exits of the
+//! library's, bit by bit: exit code 3 if not.
 
 #![allow(clippy::print_stdout)] // Its line of output is what it is for.
 
 mod draws;
+mod lanes;
 mod plane;
 mod space;
+mod stack;
 
 use std::error::Error;
 use std::process::ExitCode;
 
+use lanes::Kernel;
 use transport::walk::lanes::{Precision, SimdLevel, Walker};
 use transport::walk::{Exit, Fate};
 use transport::{Geometry, Light, Normals, Sheets, Transport};
@@ -84,32 +88,51 @@ fn problem(effects: Option<&str>) -> Result<(Transport, Precision), Box<dyn Erro
     Ok((transport, precision))
 }
 
+/// What the kernels of this example can do: effects by geometry, plane first.
+const LEAN: [(bool, &[Option<&str>]); 2] = [
+    (true, &[None, Some("absorption"), Some("visible"), Some("polarisation")]),
+    (false, &[None, Some("absorption"), Some("visible")]),
+];
+
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn lean_avx2(plane: bool, transport: &Transport, paths: u64, out: &mut [Exit]) -> u64 {
-    lean_portable(plane, transport, paths, out)
+fn lean_avx2<K: Kernel<N, M>, const N: usize, const M: usize>(
+    kernel: &K,
+    paths: u64,
+    out: &mut [Exit],
+) -> u64 {
+    lanes::walk(kernel, THETA_I, SEED, 0..paths, out)
 }
 
-#[inline(always)]
-fn lean_portable(plane: bool, transport: &Transport, paths: u64, out: &mut [Exit]) -> u64 {
-    if plane {
-        plane::walk(transport, THETA_I, SEED, 0..paths, out)
-    } else {
-        space::walk(transport, THETA_I, SEED, 0..paths, out)
-    }
-}
-
-/// Walks by the kernels of this example, with the library's instruction set.
+/// Walks by a kernel, with the library's instruction set.
 #[allow(unsafe_code)] // A call of a function compiled for an instruction set.
-fn lean(o: &Options, transport: &Transport, out: &mut [Exit]) -> Result<u64, Box<dyn Error>> {
+fn lean<K: Kernel<N, M>, const N: usize, const M: usize>(
+    o: &Options,
+    kernel: &K,
+    out: &mut [Exit],
+) -> Result<u64, Box<dyn Error>> {
     match o.level {
         #[cfg(target_arch = "x86_64")]
         SimdLevel::Avx2 if SimdLevel::Avx2.is_supported() => {
             // SAFETY: the processor has both features: asked in the line above.
-            Ok(unsafe { lean_avx2(o.plane, transport, o.paths, out) })
+            Ok(unsafe { lean_avx2(kernel, o.paths, out) })
         }
-        SimdLevel::Portable => Ok(lean_portable(o.plane, transport, o.paths, out)),
-        other => Err(format!("the kernels without effects are not compiled for {other}").into()),
+        SimdLevel::Portable => Ok(lanes::walk(kernel, THETA_I, SEED, 0..o.paths, out)),
+        other => Err(format!("the kernels of this example are not compiled for {other}").into()),
+    }
+}
+
+/// Walks by the kernels of this example.
+fn walked_lean(o: &Options, transport: &Transport, out: &mut [Exit]) -> Result<u64, Box<dyn Error>> {
+    match (o.plane, o.effect.as_deref()) {
+        (true, None) => lean(o, &plane::Plain::new(transport), out),
+        (true, Some("absorption")) => lean(o, &plane::Absorbing::new(transport), out),
+        (true, Some("visible")) => lean(o, &plane::Visible::new(transport), out),
+        (true, Some("polarisation")) => lean(o, &plane::Polarised::new(transport), out),
+        (false, None) => lean(o, &space::Plain::new(transport), out),
+        (false, Some("absorption")) => lean(o, &space::Absorbing::new(transport), out),
+        (false, Some("visible")) => lean(o, &space::Visible::new(transport), out),
+        (_, Some(effect)) => Err(format!("no kernel is written for {effect} alone").into()),
     }
 }
 
@@ -118,7 +141,7 @@ fn walked(o: &Options) -> Result<(u64, Vec<Exit>), Box<dyn Error>> {
     let nothing = Exit { direction: [0.0; 3], weight: 0.0, fate: Fate::Truncated };
     let mut out = vec![nothing; o.paths as usize];
     let crossings = if o.lean {
-        lean(o, &transport, &mut out)?
+        walked_lean(o, &transport, &mut out)?
     } else {
         let geometry = if o.plane { Geometry::Plane } else { Geometry::Space };
         let walker = Walker::new(&transport, geometry, precision, Some(o.level))?;
@@ -127,19 +150,23 @@ fn walked(o: &Options) -> Result<(u64, Vec<Exit>), Box<dyn Error>> {
     Ok((crossings, out))
 }
 
-/// Whether both kernels give the same exits.
+/// Whether every kernel of this example gives the library's exits.
 fn same() -> Result<bool, Box<dyn Error>> {
     let mut all = true;
-    for plane in [true, false] {
-        let options = |lean| Options { lean, plane, paths: 5000, effect: None, level: best() };
-        let ((a, exits), (b, others)) = (walked(&options(false))?, walked(&options(true))?);
-        let same = a == b && exits == others;
-        println!(
-            "{}: {}",
-            if plane { "plane" } else { "space" },
-            if same { "same bits" } else { "they differ" }
-        );
-        all &= same;
+    for (plane, effects) in LEAN {
+        for effect in effects {
+            let effect = effect.map(str::to_owned);
+            let options = |lean| Options { lean, plane, paths: 5000, effect: effect.clone(), level: best() };
+            let ((a, exits), (b, others)) = (walked(&options(false))?, walked(&options(true))?);
+            let same = a == b && exits == others;
+            println!(
+                "{}, {}: {}",
+                if plane { "plane" } else { "space" },
+                effect.as_deref().unwrap_or("no effect"),
+                if same { "same bits" } else { "they differ" }
+            );
+            all &= same;
+        }
     }
     Ok(all)
 }

@@ -286,6 +286,8 @@ impl<R: Real> Problem<R> {
             Geometry::Plane => tilt_max.tan(),
             Geometry::Space => Normal::MAX * sd,
         };
+        let ratios = (0..=layers).flat_map(|upper| [ratio(upper, upper + 1), ratio(upper + 1, upper)]);
+        let depths = (0..layers + 2).map(|medium| if medium == 0 { R::ZERO } else { depth(medium) });
         let constants = Constants {
             last: layers as i32,
             odd: inner(1, 2),
@@ -301,12 +303,6 @@ impl<R: Real> Problem<R> {
             tilt_max: tilt_max as f32,
             film: film(transport),
         };
-        let plain = transport.light == Light::Unpolarised && transport.sheets.is_none();
-        if stack(transport) != EXPLICIT && plain {
-            return Self { constants, ratios: Vec::new(), depths: Vec::new() };
-        }
-        let ratios = (0..=layers).flat_map(|upper| [ratio(upper, upper + 1), ratio(upper + 1, upper)]);
-        let depths = (0..layers + 2).map(|medium| if medium == 0 { R::ZERO } else { depth(medium) });
         Self { constants, ratios: ratios.collect(), depths: depths.collect() }
     }
 }
@@ -327,8 +323,7 @@ fn film<R: Real>(transport: &Transport) -> Film<R> {
 
 /// Runs the kernel of a variant, compiled for a level.
 ///
-/// Not every combination has a kernel of its own: the default walk (32 bits, no effect) has the leanest for each
-/// geometry and stack; with an effect a periodic stack is any alternating one; 64-bit plane walks always halve tilts.
+/// Small slopes have kernels of their own in 32 bits; 64-bit plane walks and walks at sheets always halve tilts.
 fn run<R: Real>(
     level: SimdLevel,
     variant: Variant,
@@ -337,19 +332,22 @@ fn run<R: Real>(
     out: &mut [Exit],
 ) -> u64 {
     let wide = size_of::<R>() > 4;
-    if variant.event != PLAIN {
-        return eventful::<R>(level, variant, problem, job, out);
-    }
-    match variant.shape {
-        SPACE => shaped::<R, SPACE>(level, variant, problem, job, out),
-        1 if !wide => shaped::<R, 1>(level, variant, problem, job, out),
-        3 if !wide => shaped::<R, 3>(level, variant, problem, job, out),
-        _ => shaped::<R, 6>(level, variant, problem, job, out),
+    match (variant.event, variant.shape) {
+        (PLAIN, SPACE) => shaped::<R, SPACE, PLAIN>(level, variant, problem, job, out),
+        (PLAIN, 1) if !wide => shaped::<R, 1, PLAIN>(level, variant, problem, job, out),
+        (PLAIN, 3) if !wide => shaped::<R, 3, PLAIN>(level, variant, problem, job, out),
+        (PLAIN, _) => shaped::<R, 6, PLAIN>(level, variant, problem, job, out),
+        (TRACKED, 1) if !wide => shaped::<R, 1, TRACKED>(level, variant, problem, job, out),
+        (TRACKED, 3) if !wide => shaped::<R, 3, TRACKED>(level, variant, problem, job, out),
+        (TRACKED, _) => shaped::<R, 6, TRACKED>(level, variant, problem, job, out),
+        (SHEETS, SPACE) if wide => shaped::<R, SPACE, SHEETS>(level, variant, problem, job, out),
+        (SHEETS, _) if wide => shaped::<R, 6, SHEETS>(level, variant, problem, job, out),
+        _ if wide => shaped::<R, 6, TRACKED_SHEETS>(level, variant, problem, job, out),
+        _ => unreachable!("walks at sheets have 64 bits"),
     }
 }
 
-/// Tracked light and sheets: kernels for any stack and slope, with and without absorption.
-fn eventful<R: Real>(
+fn shaped<R: Real, const SHAPE: u8, const EVENT: u8>(
     level: SimdLevel,
     variant: Variant,
     problem: &Problem<R>,
@@ -357,47 +355,14 @@ fn eventful<R: Real>(
     out: &mut [Exit],
 ) -> u64 {
     match (variant.visible, variant.absorb) {
-        (false, false) => met::<R, false, false>(level, variant, problem, job, out),
-        (false, true) => met::<R, false, true>(level, variant, problem, job, out),
-        (true, false) => met::<R, true, false>(level, variant, problem, job, out),
-        (true, true) => met::<R, true, true>(level, variant, problem, job, out),
+        (false, false) => stacked::<R, SHAPE, false, false, EVENT>(level, variant, problem, job, out),
+        (false, true) => stacked::<R, SHAPE, false, true, EVENT>(level, variant, problem, job, out),
+        (true, false) => stacked::<R, SHAPE, true, false, EVENT>(level, variant, problem, job, out),
+        (true, true) => stacked::<R, SHAPE, true, true, EVENT>(level, variant, problem, job, out),
     }
 }
 
-fn met<R: Real, const VISIBLE: bool, const ABSORB: bool>(
-    level: SimdLevel,
-    variant: Variant,
-    problem: &Problem<R>,
-    job: &Job,
-    out: &mut [Exit],
-) -> u64 {
-    match (variant.event, variant.shape) {
-        (TRACKED, _) => compiled::<R, 6, VISIBLE, ABSORB, EXPLICIT, TRACKED>(level, problem, job, out),
-        (SHEETS, SPACE) => compiled::<R, SPACE, VISIBLE, ABSORB, EXPLICIT, SHEETS>(level, problem, job, out),
-        (SHEETS, _) => compiled::<R, 6, VISIBLE, ABSORB, EXPLICIT, SHEETS>(level, problem, job, out),
-        _ => compiled::<R, 6, VISIBLE, ABSORB, EXPLICIT, TRACKED_SHEETS>(level, problem, job, out),
-    }
-}
-
-fn shaped<R: Real, const SHAPE: u8>(
-    level: SimdLevel,
-    variant: Variant,
-    problem: &Problem<R>,
-    job: &Job,
-    out: &mut [Exit],
-) -> u64 {
-    match (variant.visible, variant.absorb, variant.stack) {
-        (false, false, PERIODIC) => {
-            compiled::<R, SHAPE, false, false, PERIODIC, PLAIN>(level, problem, job, out)
-        }
-        (false, false, _) => stacked::<R, SHAPE, false, false>(level, variant, problem, job, out),
-        (false, true, _) => stacked::<R, SHAPE, false, true>(level, variant, problem, job, out),
-        (true, false, _) => stacked::<R, SHAPE, true, false>(level, variant, problem, job, out),
-        (true, true, _) => stacked::<R, SHAPE, true, true>(level, variant, problem, job, out),
-    }
-}
-
-fn stacked<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool>(
+fn stacked<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const EVENT: u8>(
     level: SimdLevel,
     variant: Variant,
     problem: &Problem<R>,
@@ -405,8 +370,9 @@ fn stacked<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool>(
     out: &mut [Exit],
 ) -> u64 {
     match variant.stack {
-        EXPLICIT => compiled::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT, PLAIN>(level, problem, job, out),
-        _ => compiled::<R, SHAPE, VISIBLE, ABSORB, ALTERNATING, PLAIN>(level, problem, job, out),
+        PERIODIC => compiled::<R, SHAPE, VISIBLE, ABSORB, PERIODIC, EVENT>(level, problem, job, out),
+        ALTERNATING => compiled::<R, SHAPE, VISIBLE, ABSORB, ALTERNATING, EVENT>(level, problem, job, out),
+        _ => compiled::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT, EVENT>(level, problem, job, out),
     }
 }
 
@@ -472,4 +438,50 @@ fn avx2<
     out: &mut [Exit],
 ) -> u64 {
     drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true, EVENT>(problem, job, out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::walk::Fate;
+
+    /// Exits of a stack whose layers repeat, by its own kernel and by the one that looks every layer up.
+    fn exits(transport: &Transport, geometry: Geometry, precision: Precision) -> [(u64, Vec<Exit>); 2] {
+        let walker = Walker::new(transport, geometry, precision, None).unwrap();
+        assert_ne!(walker.variant.stack, EXPLICIT);
+        let looked_up = Variant { stack: EXPLICIT, ..walker.variant };
+        [walker.variant, looked_up].map(|variant| {
+            let walker = Walker { variant, ..walker.clone() };
+            let mut out = vec![Exit { direction: [0.0; 3], weight: 0.0, fate: Fate::Truncated }; 500];
+            (walker.run(0.7, 5, 0..500, 100_000, &mut out), out)
+        })
+    }
+
+    #[test]
+    fn layers_that_repeat_walk_as_when_looked_up_one_by_one() {
+        let sheets = Sheets { index: 1.43, phase: 0.28, last: 39 };
+        let stacks = [
+            Transport::alternating(40, 1.53, 1.43, 1.53, 0.03),
+            Transport::alternating(41, 1.53, 1.43, 1.6, 0.1),
+            Transport::alternating(40, 1.53, 1.43, 1.6, 0.3),
+            Transport { sheets: Some(sheets), ..Transport::alternating(40, 1.53, 1.53, 1.53, 0.03) },
+        ];
+        let geometries = [(Geometry::Plane, Light::Unpolarised), (Geometry::Plane, Light::Tracked)];
+        for (geometry, light) in geometries.into_iter().chain([(Geometry::Space, Light::Unpolarised)]) {
+            for (stack, effects) in
+                stacks.iter().flat_map(|stack| (0..8).map(move |effects| (stack, effects)))
+            {
+                let mut transport = Transport { light, ..stack.clone() };
+                if effects & 1 != 0 {
+                    transport.facets.normals = Normals::Visible;
+                }
+                if effects & 2 != 0 {
+                    transport.optical_depths = (0..stack.layers()).map(|i| [0.02, 0.05][i % 2]).collect();
+                }
+                let precision = if effects & 4 != 0 { Precision::F64 } else { Precision::F32 };
+                let [repeating, looked_up] = exits(&transport, geometry, precision);
+                assert!(repeating == looked_up, "{geometry:?}, {precision:?}, {transport:?}");
+            }
+        }
+    }
 }

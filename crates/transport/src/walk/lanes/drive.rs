@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::draws::{Generator, Pair, Stream, uniform};
-use super::event::{Ahead, CROSSING, ENTERED, EXPLICIT, Facet, PLAIN, Problem, Ray, SPACE};
+use super::event::{Ahead, CROSSING, Constants, ENTERED, EXPLICIT, Facet, PLAIN, Problem, Ray, SPACE};
 use super::real::Real;
 use crate::Light;
 use crate::walk::{Exit, Fate};
@@ -41,8 +41,8 @@ struct Lanes<R> {
     met: [u32; LANES],
     depth: [R; LANES],
     limit: [R; LANES],
-    /// Share of s in the light, where that is tracked: 1 or 0.
-    share: [R; LANES],
+    /// Tracked light: −1 for s, 0 for p.
+    polarisation: [i32; LANES],
     /// Explicit stacks: see [`Ahead`].
     ratio: [R; LANES],
     here: [R; LANES],
@@ -67,7 +67,7 @@ impl<R: Real> Lanes<R> {
             met: [0; LANES],
             depth: [R::ZERO; LANES],
             limit: [R::ZERO; LANES],
-            share: [R::ZERO; LANES],
+            polarisation: [0; LANES],
             ratio: [R::ONE; LANES],
             here: [R::ZERO; LANES],
             beyond: [R::ZERO; LANES],
@@ -138,13 +138,13 @@ impl<R: Real> Lanes<R> {
             met: 0,
             depth: R::ZERO,
         };
-        self.set::<true>(lane, ray);
+        self.set::<ABSORB>(lane, ray);
         (0..4).for_each(|word| self.generator[word][lane] = generator.state[word]);
         self.slot[lane] = (path - job.paths.start) as usize;
         if EVENT != PLAIN {
             // Tracked light: every other path is s.
             let is_s = job.light == Light::S || (job.light == Light::Tracked && path.is_multiple_of(2));
-            self.share[lane] = if is_s { R::ONE } else { R::ZERO };
+            self.polarisation[lane] = -i32::from(is_s);
         }
         if ABSORB {
             let budget = -libm::log((f64::from(spare) + 0.5) / 4_294_967_296.0);
@@ -156,16 +156,15 @@ impl<R: Real> Lanes<R> {
     fn shift(&mut self, from: usize, to: usize) {
         self.set::<true>(to, self.get(from));
         self.limit[to] = self.limit[from];
-        self.share[to] = self.share[from];
+        self.polarisation[to] = self.polarisation[from];
         (0..4).for_each(|word| self.generator[word][to] = self.generator[word][from]);
         self.slot[to] = self.slot[from];
     }
 
     /// How the path of a lane ended.
     #[inline(always)]
-    fn exit(&self, lane: usize, problem: &Problem<R>) -> Exit {
+    fn exit<const ABSORB: bool>(&self, lane: usize, problem: &Problem<R>) -> Exit {
         let ray = self.get(lane);
-        let depth = ray.depth.to_f64();
         let fate = if ray.interface < 0 {
             match ray.met {
                 CROSSING => Fate::Single,
@@ -174,12 +173,13 @@ impl<R: Real> Lanes<R> {
             }
         } else if ray.interface > problem.constants.last {
             Fate::Transmitted
-        } else if ray.depth > self.limit[lane] {
+        } else if ABSORB && ray.depth > self.limit[lane] {
             Fate::Absorbed
         } else {
             Fate::Truncated
         };
-        let weight = if depth > 0.0 { libm::exp(-depth.min(WEIGHT_DEPTH)) } else { 1.0 };
+        let depth = ray.depth.to_f64();
+        let weight = if ABSORB && depth > 0.0 { libm::exp(-depth.min(WEIGHT_DEPTH)) } else { 1.0 };
         Exit { direction: [ray.x, ray.y, ray.z].map(|v| v.to_f64() as f32), weight: weight as f32, fate }
     }
 
@@ -275,42 +275,57 @@ impl<R: Real> Lanes<R> {
         for lane in 0..count {
             let mut ray = self.get(lane);
             let mut done = if PART == SECOND { self.done[lane] } else { 0 };
-            for half in 0..2 {
-                if half == 0 && PART == SECOND || half == 1 && (PART == FIRST || SHAPE == SPACE) {
-                    continue;
-                }
-                let tilt = self.tilts[half][lane];
-                let facet = if SHAPE == SPACE {
-                    Facet::sloped::<FUSED>(tilt, self.tilts[1][lane])
-                } else {
-                    Facet::tilted::<SHAPE, FUSED>(tilt)
-                };
-                let ahead = if STACK == EXPLICIT {
-                    Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
-                } else {
-                    constants.alternating::<STACK>(ray.interface, ray.step)
-                };
+            if PART != SECOND {
+                (ray, done) =
+                    self.event::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, 0>(constants, lane, ray, false);
+            }
+            if PART != FIRST && SHAPE != SPACE {
                 // A path that ended in the first half of a sweep rests in the second.
-                let rests = half == 1 && done != 0;
-                let weight = self.weights[half][lane];
-                let takes =
-                    |a: R| !rests & (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, tilt, a, weight));
-                ray = constants.meet::<SHAPE, ABSORB, FUSED, EVENT>(
-                    ray,
-                    facet,
-                    ahead,
-                    self.choices[half][lane],
-                    self.share[lane],
-                    takes,
-                );
-                let absorbed = ABSORB && ray.depth > self.limit[lane];
-                done = -i32::from(constants.is_out(&ray) | absorbed);
+                let rests = done != 0;
+                (ray, done) =
+                    self.event::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, 1>(constants, lane, ray, rests);
             }
             any |= done;
             self.done[lane] = done;
             self.set::<ABSORB>(lane, ray);
         }
         any != 0
+    }
+
+    /// Event `HALF` of a sweep for the path of a lane: the ray after it, and −1 if the path has ended. A path that rests stays.
+    #[inline(always)]
+    fn event<
+        const SHAPE: u8,
+        const VISIBLE: bool,
+        const ABSORB: bool,
+        const STACK: u8,
+        const FUSED: bool,
+        const EVENT: u8,
+        const HALF: usize,
+    >(
+        &self,
+        constants: Constants<R>,
+        lane: usize,
+        ray: Ray<R>,
+        rests: bool,
+    ) -> (Ray<R>, i32) {
+        let tilt = self.tilts[HALF][lane];
+        let facet = if SHAPE == SPACE {
+            Facet::sloped::<FUSED>(tilt, self.tilts[1][lane])
+        } else {
+            Facet::tilted::<SHAPE, FUSED>(tilt)
+        };
+        let ahead = if STACK == EXPLICIT {
+            Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
+        } else {
+            constants.alternating::<STACK>(ray.interface, ray.step)
+        };
+        let weight = self.weights[HALF][lane];
+        let takes = |a: R| !rests & (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, tilt, a, weight));
+        let (choice, is_s) = (self.choices[HALF][lane], self.polarisation[lane] < 0);
+        let ray = constants.meet::<SHAPE, ABSORB, FUSED, EVENT>(ray, facet, ahead, choice, is_s, takes);
+        let absorbed = ABSORB && ray.depth > self.limit[lane];
+        (ray, -i32::from(constants.is_out(&ray) | absorbed))
     }
 
     /// Ends the paths that have reached the cap, and says how many sweeps from now it is worth to look again: a sweep
@@ -419,7 +434,7 @@ impl<R: Real> Harvest<'_, R> {
                 continue;
             }
             self.crossings += u64::from(lanes.met[lane] / CROSSING);
-            self.out[lanes.slot[lane]] = lanes.exit(lane, self.problem);
+            self.out[lanes.slot[lane]] = lanes.exit::<ABSORB>(lane, self.problem);
             if let Some(path) = self.paths.next() {
                 lanes.start::<ABSORB, EVENT>(lane, self.job, path);
                 continue;

@@ -224,7 +224,7 @@ impl<R: Real> Constants<R> {
 
     /// One event: the ray meets `facet`; `choice`, uniform on (0, 2³¹], decides between reflection and refraction.
     /// A facet that faces away, or that `takes` refuses, changes nothing.
-    /// `share` is that of s in the light, where that is tracked: 1 or 0.
+    /// Tracked light is s or p (`is_s`).
     #[inline(always)]
     pub(crate) fn meet<const SHAPE: u8, const ABSORB: bool, const FUSED: bool, const EVENT: u8>(
         &self,
@@ -232,7 +232,7 @@ impl<R: Real> Constants<R> {
         facet: Facet<R>,
         ahead: Ahead<R>,
         choice: f32,
-        share: R,
+        is_s: bool,
         takes: impl Fn(R) -> bool,
     ) -> Ray<R> {
         let space = SHAPE == SPACE;
@@ -256,16 +256,15 @@ impl<R: Real> Constants<R> {
         let (both, s, p) = (sd * pd, sn * pd, pn * sd);
         let needed = R::from_f32(choice) * both * both;
         let mut reflects = if EVENT == TRACKED || EVENT == TRACKED_SHEETS {
-            let kept = share * s * s + (R::ONE - share) * p * p;
-            needed <= R::from_f64(2.0 * HALF_SCALE) * kept
+            let kept = choose(is_s, s, p);
+            needed <= R::from_f64(2.0 * HALF_SCALE) * (kept * kept)
         } else {
             needed <= R::from_f64(HALF_SCALE) * s.fma::<FUSED>(s, p * p)
         };
         if EVENT == SHEETS || EVENT == TRACKED_SHEETS {
             let cos2 = if space { a * a / facet.square } else { a * a };
             let (s, p) = self.film.reflectance::<FUSED>(cos2);
-            let film =
-                if EVENT == SHEETS { R::from_f64(0.5) * (s + p) } else { share * s + (R::ONE - share) * p };
+            let film = if EVENT == SHEETS { R::from_f64(0.5) * (s + p) } else { choose(is_s, s, p) };
             // A facet that faces away counts as one that reflects.
             let reflected = !faces | (R::from_f32(choice) <= R::from_f64(2.0 * HALF_SCALE) * film);
             let is_sheet = (ray.interface > 0) & (ray.interface <= self.film.last);
