@@ -1,5 +1,5 @@
-//! Elementary functions where evaluation spends its time: without branches that random directions would mispredict, and no more
-//! exact than positions between cells need (a part in 1e12).
+//! Elementary functions where evaluation spends its time: without branches that random directions would mispredict, and as exact as
+//! angles in narrow lobes need (a part in 1e12). What is read with them takes those of [`crate::single`].
 
 use crate::Direction;
 use std::f64::consts::{FRAC_PI_2, LN_2, LOG2_E, TAU};

@@ -1,5 +1,5 @@
 //! Elementary functions in single precision, where a part in a million is enough: positions between cells, and all that is read
-//! there or multiplies it. Twice as many fit into a vector as of double precision, and roots and quotients take a third of the time.
+//! there or multiplies it. Twice as many fit into a vector as of double precision, and roots and quotients take less time.
 
 use crate::angles::{greatest, least};
 use std::f32::consts::{LN_2, LOG2_E};
