@@ -156,7 +156,7 @@ def plugin(bsdf, wi, wo, mode=None):
 
 
 def assert_close(found, expected, what):
-    """Relative difference ≤ 1e-4 wherever the value is above 1e-3 of its peak (the requirement); 5e-6 is usual."""
+    """Relative difference ≤ 1e-4 wherever the value is above 1e-3 of its peak (the requirement); 2e-6 is usual."""
     above = expected > 1e-3 * expected.max()
     assert above.sum() > 0.01 * expected.size, what
     worst = np.abs(found[above] / expected[above] - 1.0).max()

@@ -63,8 +63,8 @@ impl Tabulated {
             [fraction, width + fraction * widening]
         });
         let mut step = Steps { index: [0; LANES], fraction: [0.0; LANES] };
-        for k in 0..LANES {
-            (step.index[k], step.fraction[k]) = along_step(fraction[k]);
+        for (k, fraction) in fraction.iter().enumerate() {
+            (step.index[k], step.fraction[k]) = along_step(*fraction);
         }
         let mut along = [[0.0; 4]; LANES];
         for k in 0..LANES {
