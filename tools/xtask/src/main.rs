@@ -68,7 +68,8 @@ fn python_checks(folder: &str) -> Result<()> {
     step("release build", cargo(&everything))?;
     let python = python::environment()?;
     let mut pytest = Command::new(python);
-    pytest.args(["-m", "pytest", "-q", "-rsP", folder]).current_dir(root());
+    // Two files at a time: a test seldom keeps two cores busy by itself.
+    pytest.args(["-m", "pytest", "-q", "-rsP", "-n", "2", "--dist", "loadfile", folder]).current_dir(root());
     pytest.env("NACRE_BIN", root().join("target/release"));
     step("python", pytest)
 }
