@@ -32,7 +32,7 @@ VARIANT = {
 
 def use(variant):
     """The LLVM variant, or the scalar one where there is no LLVM."""
-    if llvm.missing("LLVM variants of Mitsuba are"):
+    if llvm.reason():
         variant = variant.replace("llvm_ad", "scalar")
     if variant not in mi.variants():
         pytest.skip(f"this Mitsuba has no {variant}")

@@ -7,6 +7,7 @@ use std::ops::Range;
 use transport::walk::Exit;
 
 use super::draws::{Generator, Stream};
+use super::stack::Stack;
 
 const LANES: usize = 128;
 const BLOCK: usize = 16;
@@ -30,14 +31,16 @@ pub(crate) trait Kernel<const N: usize, const M: usize>: Copy {
     const EVENTS: usize;
     /// The numbers of a lane without a path.
     const RESTING: [f32; N];
-    /// Index of the last interface.
-    fn last(&self) -> i32;
+    fn stack(&self) -> &Stack;
     /// The numbers of a path that starts at sine and cosine of its incidence; `spare` are 32 random bits of its own.
     fn start(incidence: [f32; 2], path: u64, spare: u32) -> [f32; N];
     fn draw(&self, generator: &mut Generator) -> [f32; M];
     /// An event of a sweep; a ray that rests stays as it is.
     fn meet(&self, ray: Ray<N>, drawn: &[f32; M], event: usize, rests: bool) -> Ray<N>;
-    fn has_ended(&self, ray: &Ray<N>) -> bool;
+    #[inline(always)]
+    fn has_ended(&self, ray: &Ray<N>) -> bool {
+        self.stack().is_out(ray)
+    }
     fn exit(&self, ray: &Ray<N>) -> Exit;
 }
 
@@ -85,7 +88,7 @@ impl<const N: usize, const M: usize> Lanes<N, M> {
     }
 
     fn rest<K: Kernel<N, M>>(&mut self, lane: usize, kernel: &K) {
-        self.set(lane, Ray { numbers: K::RESTING, interface: kernel.last() / 2, step: 1, met: 0 });
+        self.set(lane, Ray { numbers: K::RESTING, interface: kernel.stack().last / 2, step: 1, met: 0 });
         self.slot[lane] = IDLE;
         set_column(&mut self.generator, lane, [1 + lane as u32; 4]);
     }

@@ -61,8 +61,8 @@ impl Kernel<2, 4> for Plain {
     const EVENTS: usize = 2;
     const RESTING: [f32; 2] = [0.0, 1.0];
 
-    fn last(&self) -> i32 {
-        self.0.last
+    fn stack(&self) -> &Stack {
+        &self.0
     }
 
     #[inline(always)]
@@ -85,11 +85,6 @@ impl Kernel<2, 4> for Plain {
         let reflects = fresnel.reflects_unpolarised(drawn[2 + event]);
         let [x, z] = bent(ray.numbers, facet, ratio, &fresnel, reflects);
         ray.after([x, z.abs()], z, a > 0.0, reflects).0
-    }
-
-    #[inline(always)]
-    fn has_ended(&self, ray: &Ray<2>) -> bool {
-        self.0.is_out(ray)
     }
 
     #[inline(always)]
@@ -116,8 +111,8 @@ impl Kernel<4, 4> for Absorbing {
     const EVENTS: usize = 2;
     const RESTING: [f32; 4] = [0.0, 1.0, 0.0, f32::INFINITY];
 
-    fn last(&self) -> i32 {
-        self.stack.last
+    fn stack(&self) -> &Stack {
+        &self.stack
     }
 
     #[inline(always)]
@@ -173,8 +168,8 @@ impl Kernel<3, 4> for Polarised {
     const EVENTS: usize = 2;
     const RESTING: [f32; 3] = [0.0, 1.0, 1.0];
 
-    fn last(&self) -> i32 {
-        self.0.last
+    fn stack(&self) -> &Stack {
+        &self.0
     }
 
     #[inline(always)]
@@ -198,11 +193,6 @@ impl Kernel<3, 4> for Polarised {
         let reflects = fresnel.reflects(drawn[2 + event], polarisation.is_sign_negative());
         let [x, z] = bent([x, z], facet, ratio, &fresnel, reflects);
         ray.after([x, z.abs(), polarisation], z, a > 0.0, reflects).0
-    }
-
-    #[inline(always)]
-    fn has_ended(&self, ray: &Ray<3>) -> bool {
-        self.0.is_out(ray)
     }
 
     #[inline(always)]
@@ -231,8 +221,8 @@ impl Kernel<2, 6> for Visible {
     const EVENTS: usize = 2;
     const RESTING: [f32; 2] = [0.0, 1.0];
 
-    fn last(&self) -> i32 {
-        self.stack.last
+    fn stack(&self) -> &Stack {
+        &self.stack
     }
 
     #[inline(always)]
@@ -262,11 +252,6 @@ impl Kernel<2, 6> for Visible {
         let reflects = fresnel.reflects_unpolarised(drawn[2 + event]);
         let [x, z] = bent(ray.numbers, facet, ratio, &fresnel, reflects);
         ray.after([x, z.abs()], z, a > 0.0, reflects).0
-    }
-
-    #[inline(always)]
-    fn has_ended(&self, ray: &Ray<2>) -> bool {
-        self.stack.is_out(ray)
     }
 
     #[inline(always)]

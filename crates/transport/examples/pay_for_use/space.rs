@@ -66,8 +66,8 @@ impl Kernel<3, 3> for Plain {
     const EVENTS: usize = 1;
     const RESTING: [f32; 3] = [0.0, 0.0, 1.0];
 
-    fn last(&self) -> i32 {
-        self.0.last
+    fn stack(&self) -> &Stack {
+        &self.0
     }
 
     #[inline(always)]
@@ -93,11 +93,6 @@ impl Kernel<3, 3> for Plain {
     }
 
     #[inline(always)]
-    fn has_ended(&self, ray: &Ray<3>) -> bool {
-        self.0.is_out(ray)
-    }
-
-    #[inline(always)]
     fn exit(&self, ray: &Ray<3>) -> Exit {
         self.0.exit(ray, ray.numbers)
     }
@@ -120,8 +115,8 @@ impl Kernel<5, 3> for Absorbing {
     const EVENTS: usize = 1;
     const RESTING: [f32; 5] = [0.0, 0.0, 1.0, 0.0, f32::INFINITY];
 
-    fn last(&self) -> i32 {
-        self.stack.last
+    fn stack(&self) -> &Stack {
+        &self.stack
     }
 
     #[inline(always)]
@@ -181,8 +176,8 @@ impl Kernel<3, 4> for Visible {
     const EVENTS: usize = 1;
     const RESTING: [f32; 3] = [0.0, 0.0, 1.0];
 
-    fn last(&self) -> i32 {
-        self.stack.last
+    fn stack(&self) -> &Stack {
+        &self.stack
     }
 
     #[inline(always)]
@@ -208,11 +203,6 @@ impl Kernel<3, 4> for Visible {
         let reflects = fresnel.reflects_unpolarised(choice);
         let [x, y, z] = bent(ray.numbers, [p, q], ratio, length2, &fresnel, reflects);
         ray.after([x, y, z.abs()], z, a > 0.0, reflects).0
-    }
-
-    #[inline(always)]
-    fn has_ended(&self, ray: &Ray<3>) -> bool {
-        self.stack.is_out(ray)
     }
 
     #[inline(always)]

@@ -141,6 +141,17 @@ impl Walker {
         level: Option<SimdLevel>,
     ) -> Result<Self, WalkError> {
         check(transport)?;
+        Self::of_stack(transport, stack(transport), geometry, precision, level)
+    }
+
+    /// [`Self::new`] of values that are in range, by the kernels for a kind of stack.
+    fn of_stack(
+        transport: &Transport,
+        stack: u8,
+        geometry: Geometry,
+        precision: Precision,
+        level: Option<SimdLevel>,
+    ) -> Result<Self, WalkError> {
         let level = level.unwrap_or_else(SimdLevel::detect);
         if !level.is_supported() {
             return Err(WalkError::Simd(level));
@@ -156,7 +167,7 @@ impl Walker {
             // A flat interface has one facet only.
             visible: transport.facets.normals == Normals::Visible && sd > 0.0,
             absorb: transport.absorbs(),
-            stack: stack(transport),
+            stack,
             event: match (transport.light, &transport.sheets) {
                 (Light::Unpolarised, None) => PLAIN,
                 (_, None) => TRACKED,
@@ -171,8 +182,8 @@ impl Walker {
         // Walks at sheets are compiled for 64 bits alone.
         let precision = if transport.sheets.is_some() { Precision::F64 } else { precision };
         let problem = match precision.resolve(transport) {
-            Precision::F64 => Either::F64(Problem::new(transport, geometry)),
-            _ => Either::F32(Problem::new(transport, geometry)),
+            Precision::F64 => Either::F64(Problem::new(transport, stack, geometry)),
+            _ => Either::F32(Problem::new(transport, stack, geometry)),
         };
         Ok(Self { problem, variant, level })
     }
@@ -272,7 +283,7 @@ fn stack(transport: &Transport) -> u8 {
 }
 
 impl<R: Real> Problem<R> {
-    fn new(transport: &Transport, geometry: Geometry) -> Self {
+    fn new(transport: &Transport, stack: u8, geometry: Geometry) -> Self {
         let n = &transport.indices;
         let layers = transport.layers();
         let ratio = |from: usize, to: usize| R::from_f64(n[from] / n[to]);
@@ -286,8 +297,6 @@ impl<R: Real> Problem<R> {
             Geometry::Plane => tilt_max.tan(),
             Geometry::Space => Normal::MAX * sd,
         };
-        let ratios = (0..=layers).flat_map(|upper| [ratio(upper, upper + 1), ratio(upper + 1, upper)]);
-        let depths = (0..layers + 2).map(|medium| if medium == 0 { R::ZERO } else { depth(medium) });
         let constants = Constants {
             last: layers as i32,
             odd: inner(1, 2),
@@ -303,6 +312,11 @@ impl<R: Real> Problem<R> {
             tilt_max: tilt_max as f32,
             film: film(transport),
         };
+        if stack != EXPLICIT {
+            return Self { constants, ratios: Vec::new(), depths: Vec::new() };
+        }
+        let ratios = (0..=layers).flat_map(|upper| [ratio(upper, upper + 1), ratio(upper + 1, upper)]);
+        let depths = (0..layers + 2).map(|medium| if medium == 0 { R::ZERO } else { depth(medium) });
         Self { constants, ratios: ratios.collect(), depths: depths.collect() }
     }
 }
@@ -447,11 +461,10 @@ mod tests {
 
     /// Exits of a stack whose layers repeat, by its own kernel and by the one that looks every layer up.
     fn exits(transport: &Transport, geometry: Geometry, precision: Precision) -> [(u64, Vec<Exit>); 2] {
-        let walker = Walker::new(transport, geometry, precision, None).unwrap();
-        assert_ne!(walker.variant.stack, EXPLICIT);
-        let looked_up = Variant { stack: EXPLICIT, ..walker.variant };
-        [walker.variant, looked_up].map(|variant| {
-            let walker = Walker { variant, ..walker.clone() };
+        let own = stack(transport);
+        assert_ne!(own, EXPLICIT);
+        [own, EXPLICIT].map(|stack| {
+            let walker = Walker::of_stack(transport, stack, geometry, precision, None).unwrap();
             let mut out = vec![Exit { direction: [0.0; 3], weight: 0.0, fate: Fate::Truncated }; 500];
             (walker.run(0.7, 5, 0..500, 100_000, &mut out), out)
         })
