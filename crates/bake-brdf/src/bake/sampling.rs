@@ -278,11 +278,47 @@ impl Sampling {
             Target::Time(budget) => self.targets_for_seconds(budget.as_secs_f64()),
         };
         let crossings: Vec<f64> = self.state.tallies.iter().zip(&targets).map(crossings_of).collect();
+        let seconds = if let Target::Time(budget) = target {
+            budget.as_secs_f64()
+        } else {
+            let price = self.price(pilot, targets.iter().copied().max().unwrap_or(pilot));
+            let tasks: u64 = targets.iter().map(|&paths| 1 + (paths - pilot).div_ceil(BLOCK)).sum();
+            let work = price.crossing * crossings.iter().sum::<f64>() + price.task * tasks as f64;
+            work / rayon::current_num_threads() as f64
+        };
         Ok(Forecast {
-            seconds: self.seconds() + self.seconds_to(&targets),
+            seconds,
             paths: targets.iter().fold(0, |sum: u64, &paths| sum.saturating_add(paths)),
             crossings: crossings.chunks(self.theta_i.len()).map(|band| band.iter().sum()).collect(),
         })
+    }
+
+    /// What a walk costs, from tasks as long as a pilot's and as long as those of the longest target: a task ends with lanes
+    /// that empty, which short paths feel most.
+    fn price(&self, pilot: u64, longest: u64) -> Price {
+        let short = self.spent(pilot);
+        let long = self.spent(longest.clamp(pilot, BLOCK));
+        let rate = |(seconds, crossings): (f64, f64)| seconds / crossings.max(1.0);
+        let tasks = rayon::current_num_threads() as f64;
+        let crossing = (long.0 - short.0) / (long.1 - short.1);
+        let task = (short.0 - crossing * short.1) / tasks;
+        if crossing > 0.0 && task > 0.0 {
+            Price { crossing, task }
+        } else {
+            Price { crossing: rate(long), task: 0.0 }
+        }
+    }
+
+    /// Seconds of processors and crossings of a task of so many paths a thread, over lobes spread evenly.
+    fn spent(&self, paths: u64) -> (f64, f64) {
+        let threads = rayon::current_num_threads();
+        let tasks = (0..threads).into_par_iter().map(|thread| {
+            let lobe = (2 * thread + 1) * self.lobes() / (2 * threads);
+            let before = thread_seconds();
+            let tally = self.walk_task(&Task { lobe, from: 0, to: paths });
+            (thread_seconds() - before, tally.crossings as f64)
+        });
+        tasks.reduce(|| (0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1))
     }
 
     /// Arithmetic that the walk uses, `f32` or `f64`.
@@ -532,6 +568,28 @@ fn crossings_of((tally, &paths): (&Tally, &u64)) -> f64 {
     paths as f64 * tally.crossings as f64 / tally.paths.max(1) as f64
 }
 
+/// Seconds of one core, whatever else the machine does.
+struct Price {
+    crossing: f64,
+    /// A task, beside its crossings.
+    task: f64,
+}
+
+/// Seconds that this thread has spent on a processor: other work on the machine does not count. By the clock where the system
+/// does not say.
+fn thread_seconds() -> f64 {
+    #[cfg(unix)]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
+    }
+    #[cfg(not(unix))]
+    {
+        static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
+        START.elapsed().as_secs_f64()
+    }
+}
+
 /// What a walk is expected to take.
 pub(super) struct Forecast {
     /// Seconds by the clock, with the threads in use.
@@ -650,5 +708,35 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// Four threads a core that only spin leave a clock a fifth of the processor; ones that share a core slow each other
+    /// by less than two.
+    #[test]
+    fn other_work_on_the_machine_does_not_change_a_forecast() {
+        let recipe = Recipe::from_json(r#"{"schema": "pearl-recipe/1", "stack": {"layers": 20}}"#).unwrap();
+        let request =
+            Request { incident_deg: vec![0.0, 30.0, 60.0], ..Request::new(recipe, Target::Paths(200_000)) };
+        let bands = Bands::own(&request.recipe);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let least = || {
+            let seconds = || pool.install(|| forecast(&request, &bands, &Observer::idle()).unwrap().seconds);
+            (0..3).map(|_| seconds()).fold(f64::INFINITY, f64::min)
+        };
+        let alone = least();
+        let ends = std::sync::atomic::AtomicBool::new(false);
+        let among_others = std::thread::scope(|scope| {
+            for _ in 0..4 * std::thread::available_parallelism().map_or(1, usize::from) {
+                scope.spawn(|| {
+                    while !ends.load(Ordering::Relaxed) {
+                        std::hint::spin_loop();
+                    }
+                });
+            }
+            let seconds = least();
+            ends.store(true, Ordering::Relaxed);
+            seconds
+        });
+        assert!((0.5..2.0).contains(&(among_others / alone)), "{alone} s, {among_others} s among others");
     }
 }
