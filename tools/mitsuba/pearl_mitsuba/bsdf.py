@@ -79,13 +79,16 @@ def _pearl(base):
             self.body_rgb = None
             name = "body_color"
             if name not in props:
-                self.body_rgb = [float(c) for c in parameters.look(self.table).get("body_rgb", [0.8, 0.78, 0.75])]
+                self.body_rgb = parameters.body(self.table)
                 self.body = mi.load_dict({"type": "rgb", "value": self.body_rgb})
                 return
             kind = mi.Properties.Type
             if props.type(name) in (kind.Color, kind.Float, kind.Integer, kind.Vector):
                 self.body_rgb = parameters.colour(name, props[name])
-            self.body = props.get_texture(name, 0.5)
+            try:
+                self.body = props.get_texture(name, 0.5)
+            except RuntimeError:
+                raise PearlError(f"pearl: {name}: is no colour, spectrum or texture") from None
             mean = float(np.ravel(np.array(self.body.mean()))[0])
             if not 0.0 <= mean <= 1.0 + 1e-6:
                 raise PearlError(f"pearl: {name}: its mean is {mean:g}; expected reflectances from 0 to 1")

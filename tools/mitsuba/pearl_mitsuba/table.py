@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import compact, curves
+from . import check, compact, curves
 from .axes import HALF_PI, ExitAxis, concentration, neighbours, reading_weights, sampling_measure
 from .facets import Facets
 
@@ -62,9 +62,6 @@ class Spectra:
             }
 
         nm = np.array(section["wavelength_nm"], float)
-        steps = np.diff(nm)
-        if len(nm) > 1 and not np.allclose(steps, steps[0], rtol=1e-4):
-            raise PearlError("spectra.wavelength_nm: expected equally spaced bands")
         return cls(nm, part("coherent", "modulation"), part("illuminant", "emission"))
 
 
@@ -325,9 +322,13 @@ def read(path, bitmap):
     if not isinstance(text, str):
         raise PearlError(f"pearl: {path}: has no attribute `pearl`, so it is no pearl table; `{BAKE}` bakes one")
     try:
-        return _table(path, compact.unpacked(json.loads(text)), image)
+        meta = json.loads(text)
+        check.schema(meta)
+        return _table(path, compact.unpacked(meta), image)
     except PearlError:
         raise
+    except check.Flaw as flaw:
+        raise PearlError(f"pearl: {path}: {flaw}; bake it again: `{BAKE}`") from None
     except (KeyError, TypeError, IndexError, ValueError, zlib.error) as error:
         problem = f"{type(error).__name__}: {error}"
         raise PearlError(f"pearl: {path}: metadata is damaged ({problem}); bake it again: `{BAKE}`") from None
@@ -337,6 +338,7 @@ def _table(path, meta, image):
     schema = meta["schema"]
     if not schema.startswith("pearl-lut/1"):
         raise PearlError(f"pearl: {path}: schema is {schema!r}, this plugin reads pearl-lut/1: install its newer version")
+    check.metadata(meta)
     kind = meta["exit_axis"]
     plane = kind["kind"] == "plane"
     axis = ExitAxis(
