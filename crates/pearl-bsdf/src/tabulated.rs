@@ -47,8 +47,10 @@ impl Cap {
     }
 
     /// θo of a point of the cap, by the share of its area nearer to the normal.
+    #[inline(always)]
     fn theta(&self, area: f64) -> f64 {
-        2.0 * (self.half_chord2 * area).sqrt().asin()
+        let sin2 = self.half_chord2 * area;
+        2.0 * angles::angle(sin2.sqrt(), (1.0 - sin2).sqrt())
     }
 }
 
@@ -145,6 +147,29 @@ pub(crate) struct Incidence {
     columns: Warp,
     /// Decay tables: sin θi / w². Walk tables: the width of the φ cells.
     azimuth: f32,
+}
+
+/// Where random numbers fall among the cells: what [`Tabulated::exit`] makes a direction of.
+#[derive(Clone, Copy, Debug)]
+struct Pick {
+    /// Positions in the columns, and in the φ rows of walk tables; a negative row is on the other side of the plane of incidence.
+    column: f64,
+    row: f64,
+    /// Share of the cap's area nearer to the normal, and turn within it. In walk tables the area is negative outside it.
+    area: f64,
+    turn: f64,
+}
+
+/// A pick of a component without light: its exit is no direction.
+const NOTHING: Pick = Pick { column: 0.0, row: 0.0, area: 1.0, turn: f64::NAN };
+
+/// An exit direction.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Exit {
+    pub(crate) cos: f64,
+    pub(crate) sin: f64,
+    /// cos and sin of φ.
+    pub(crate) azimuth: (f64, f64),
 }
 
 /// Both tabulated components at a pair of directions.
@@ -431,62 +456,101 @@ impl Tabulated {
         [0, 1].map(|c| a[c] + fraction * (b[c] - a[c]))
     }
 
-    /// An exit direction (θo, and cos φ, sin φ) of one component from three uniform numbers.
-    pub(crate) fn sample(
-        &self,
-        component: usize,
-        at: &Incidence,
-        select: f64,
-        u: f64,
-        v: f64,
-    ) -> Option<(f64, (f64, f64))> {
-        let around = |u: f64| turned(u - 0.5);
+    /// An exit direction of one component from three uniform numbers.
+    #[inline]
+    pub(crate) fn sample(&self, component: usize, at: &Incidence, select: f64, u: f64, v: f64) -> Exit {
+        let cap_edge = if self.signed() { 0.0 } else { self.cap_edge(&at.columns) };
+        self.exit(&at.columns, at.azimuth, &self.pick(component, at.between, cap_edge, [select, u, v]))
+    }
+
+    /// Column at the edge of the cap in walk tables.
+    #[inline(always)]
+    fn cap_edge(&self, columns: &Warp) -> f32 {
+        columns.position(self.cap.radius).0
+    }
+
+    /// Where three uniform numbers fall among the cells of one component: all that is looked up.
+    #[inline(always)]
+    fn pick(&self, component: usize, between: Between, cap_edge: f32, [select, u, v]: [f64; 3]) -> Pick {
         let sampling = &self.sampling[component];
-        let Between { node, next, fraction } = at.between;
+        let Between { node, next, fraction } = between;
         let fraction = f64::from(fraction);
         let (near, far) =
             ((1.0 - fraction) * self.totals[node][component], fraction * self.totals[next][component]);
         if near + far <= 0.0 {
-            return None;
+            return NOTHING;
         }
         let (node, select) = split(select, near / (near + far), node, next);
-        match self.signed() {
-            true => {
-                let position = self.invert_row(sampling, node, 0, u);
-                let s = at.columns.at(position).clamp(-FRAC_PI_2, FRAC_PI_2);
-                if s.abs() < self.cap.radius {
-                    // Neither the number that chose the row nor v has said anything yet.
-                    return Some((self.cap.theta(select), around(v)));
-                }
-                let phi =
-                    if s >= 0.0 { Forward::new(at.azimuth * s.sin() as f32).sample(v) } else { around(v) };
-                Some((s.abs(), phi))
-            }
-            false => {
-                let (sign, v) = if v < 0.5 { (1.0, 2.0 * v) } else { (-1.0, 2.0 * v - 1.0) };
-                let rows = node * self.rows..(node + 1) * self.rows;
-                let totals = &sampling.row_total[rows.clone()];
-                let guide = &sampling.row_guide[rows.clone()];
-                let position = invert(|k| totals[k], &sampling.row_cdf[rows], guide, v);
-                let row = Cell::new(position as f32, self.rows);
-                let fraction = f64::from(row.fraction);
-                let (near, far) = ((1.0 - fraction) * totals[row.index], fraction * totals[row.index + 1]);
-                let (row, select) = split(select, near / (near + far), row.index, row.index + 1);
-                let theta_o = at.columns.at(self.invert_row(sampling, node, row, u)).clamp(0.0, FRAC_PI_2);
-                if theta_o < self.cap.radius {
-                    let range = self.range(node, row);
-                    let density = |k: usize| f64::from(self.cells[range.start + k][DENSITIES + component]);
-                    let cdf = &sampling.cdf[range.clone()];
-                    let edge = f64::from(at.columns.position(self.cap.radius).0);
-                    let within = cumulated(density, cdf, edge) / total(density, cdf);
-                    return Some((self.cap.theta((u / within).min(1.0)), around(select)));
-                }
-                let (cos, sin) = turned(self.around(at.azimuth).at(position).min(PI) * INVERSE_TAU);
-                Some((theta_o, (cos, sign * sin)))
-            }
+        if self.signed() {
+            // Neither the number that chose the row nor v has said anything yet: they are left to the cap.
+            return Pick { column: self.invert_row(sampling, node, 0, u), row: 0.0, area: select, turn: v };
+        }
+        let (sign, v) = if v < 0.5 { (1.0, 2.0 * v) } else { (-1.0, 2.0 * v - 1.0) };
+        let rows = node * self.rows..(node + 1) * self.rows;
+        let totals = &sampling.row_total[rows.clone()];
+        let guide = &sampling.row_guide[rows.clone()];
+        let position = invert(|k| totals[k], &sampling.row_cdf[rows], guide, v);
+        let row = Cell::new(position as f32, self.rows);
+        let fraction = f64::from(row.fraction);
+        let (near, far) = ((1.0 - fraction) * totals[row.index], fraction * totals[row.index + 1]);
+        let (row, select) = split(select, near / (near + far), row.index, row.index + 1);
+        let column = self.invert_row(sampling, node, row, u);
+        let mut area = -1.0;
+        if column < f64::from(cap_edge) {
+            let range = self.range(node, row);
+            let density = |k: usize| f64::from(self.cells[range.start + k][DENSITIES + component]);
+            let cdf = &sampling.cdf[range.clone()];
+            let within = cumulated(density, cdf, f64::from(cap_edge)) / total(density, cdf);
+            area = (u / within).min(1.0);
+        }
+        Pick { column, row: sign * position, area, turn: select }
+    }
+
+    /// The exit at what was picked.
+    #[inline]
+    fn exit(&self, columns: &Warp, azimuth: f32, pick: &Pick) -> Exit {
+        let x = columns.at(pick.column);
+        if self.signed() {
+            let (cos, sin) = turned(self.theta_of_plane(x, pick.area) * INVERSE_TAU);
+            let around = Forward::new(self.concentration_at(azimuth, x, sin));
+            Exit { cos, sin, azimuth: around.sample(pick.turn) }
+        } else {
+            let (cos, sin) = turned(self.theta_of_space(x, pick.area) * INVERSE_TAU);
+            Exit { cos, sin, azimuth: turned(self.turn_of_space(azimuth, pick.row, pick.area, pick.turn)) }
         }
     }
 
+    /// θo at a signed exit angle of decay tables.
+    #[inline(always)]
+    fn theta_of_plane(&self, s: f64, area: f64) -> f64 {
+        if self.is_capped(s) { self.cap.theta(area) } else { least(s.abs(), FRAC_PI_2) }
+    }
+
+    /// Concentration of the sampled azimuths there: 0, at which all are equal, in the cap and behind.
+    #[inline(always)]
+    fn concentration_at(&self, azimuth: f32, s: f64, sin_o: f64) -> f32 {
+        if self.is_capped(s) | (s < 0.0) { 0.0 } else { azimuth * sin_o as f32 }
+    }
+
+    #[inline(always)]
+    fn is_capped(&self, s: f64) -> bool {
+        s.abs() < self.cap.radius
+    }
+
+    /// θo at a column's angle of walk tables.
+    #[inline(always)]
+    fn theta_of_space(&self, theta: f64, area: f64) -> f64 {
+        if area >= 0.0 { self.cap.theta(area) } else { least(greatest(theta, 0.0), FRAC_PI_2) }
+    }
+
+    /// φ in turns, of walk tables.
+    #[inline(always)]
+    fn turn_of_space(&self, azimuth: f32, row: f64, area: f64, turn: f64) -> f64 {
+        let phi = least(self.around(azimuth).at(row.abs()), PI).copysign(row);
+        if area >= 0.0 { turn - 0.5 } else { phi * INVERSE_TAU }
+    }
+
+    #[inline(always)]
     fn invert_row(&self, sampling: &Sampling, node: usize, row: usize, u: f64) -> f64 {
         let range = self.range(node, row);
         let cells = &self.cells[range.clone()];
@@ -545,22 +609,27 @@ fn along_step(fraction: f32) -> (usize, f32) {
 }
 
 /// Chooses between two with the probability of the first, and what is left of the random number.
-#[inline]
+#[inline(always)]
 fn split(u: f64, first: f64, a: usize, b: usize) -> (usize, f64) {
-    if u < first { (a, u / first) } else { (b, (u - first) / (1.0 - first).max(f64::MIN_POSITIVE)) }
+    // Without a branch, which random numbers would mispredict.
+    let is_first = u < first;
+    let (from, length) = if is_first { (0.0, first) } else { (first, 1.0 - first) };
+    (if is_first { a } else { b }, (u - from) / greatest(length, f64::MIN_POSITIVE))
 }
 
 /// Position where the integral of a piecewise-linear density reaches the share u of its total.
 ///
 /// The density is u\[k\] at position k + ½, linear between, constant in the outer half cells; `cdf\[k\]` is its
 /// integral up to position k + ½; `guide` says where to begin looking in it ([`guide`]).
-#[inline]
+#[inline(always)]
 fn invert(density: impl Fn(usize) -> f64, cdf: &[f64], guide: &[u16], share: f64) -> f64 {
     let last = cdf.len() - 1;
     let target = share * total(&density, cdf);
     // `partition_point`, from where the guide says.
     let step = (share * guide.len() as f64) as usize;
     let mut above = usize::from(guide[step.min(last)]);
+    // One step without a branch, which random numbers would mispredict; more are fewer.
+    above += usize::from(above <= last && cdf[above] <= target);
     while above <= last && cdf[above] <= target {
         above += 1;
     }

@@ -1,12 +1,11 @@
 //! The lobes of many pairs at once.
 
-use super::DENSITIES;
-use super::{Along, Between, Incidence, Tabulated};
+use super::{Along, Between, COMPONENTS, DENSITIES, NOTHING, Pick, Tabulated};
 use super::{
     along_step, azimuth_of, concentration_of_sine, densities_of_plane, fraction_of_span, guide_step,
     restored, scale_of_space,
 };
-use crate::angles::{self, INVERSE_TAU};
+use crate::angles::{self, INVERSE_TAU, turned};
 use crate::azimuth::{self, Forward, NARROW, narrow_decay};
 use crate::lanes::{Directions, LANES, Lane, Single, Steps, each, put};
 use crate::warp::Cell;
@@ -18,7 +17,7 @@ pub(crate) struct Incidences {
     /// Of the columns' axis: centre, and gains on either side.
     centre: Lane,
     gains: [Single; 2],
-    /// As in [`Incidence`].
+    /// As in [`super::Incidence`].
     azimuth: Single,
 }
 
@@ -86,11 +85,85 @@ impl Tabulated {
         Incidences { between, along, centre, gains, azimuth }
     }
 
-    /// The incidence of one lane.
+    /// [`Self::sample`] of every lane whose component is one of the table: cos θo, sin θo, cos φ, sin φ.
     #[inline(always)]
-    pub(crate) fn incidence_of(&self, at: &Incidences, lane: usize) -> Incidence {
-        let columns = self.some_columns.recentred(at.centre[lane], [at.gains[0][lane], at.gains[1][lane]]);
-        Incidence { between: at.between[lane], along: at.along[lane], columns, azimuth: at.azimuth[lane] }
+    pub(crate) fn exits(
+        &self,
+        at: &Incidences,
+        component: &[usize; LANES],
+        numbers: &[Lane; 3],
+    ) -> [Lane; 4] {
+        let columns = |k: usize| self.some_columns.recentred(at.centre[k], [at.gains[0][k], at.gains[1][k]]);
+        let mut cap_edge = [0.0; LANES];
+        if !self.signed() {
+            for (k, edge) in cap_edge.iter_mut().enumerate() {
+                *edge = self.cap_edge(&columns(k));
+            }
+        }
+        // The lanes that look something up come first: no branch for the others.
+        let (mut wanted, mut count) = ([0; LANES], 0);
+        for (k, component) in component.iter().enumerate() {
+            wanted[count] = k;
+            count += usize::from(*component < COMPONENTS.len());
+        }
+        let Pick { column, row, area, turn } = NOTHING;
+        let mut picks = [[column; LANES], [row; LANES], [area; LANES], [turn; LANES]];
+        for &k in &wanted[..count] {
+            let numbers = [numbers[0][k], numbers[1][k], numbers[2][k]];
+            let Pick { column, row, area, turn } =
+                self.pick(component[k], at.between[k], cap_edge[k], numbers);
+            put(&mut picks, k, [column, row, area, turn]);
+        }
+        let [column, row, area, turn] = &picks;
+        let mut x = [0.0; LANES];
+        for (k, x) in x.iter_mut().enumerate() {
+            *x = columns(k).at(column[k]);
+        }
+        if self.signed() {
+            self.exits_of_plane(&at.azimuth, &x, area, turn)
+        } else {
+            self.exits_of_space(&at.azimuth, &x, row, area, turn)
+        }
+    }
+
+    #[inline(always)]
+    fn exits_of_plane(&self, azimuth: &Single, s: &Lane, area: &Lane, turn: &Lane) -> [Lane; 4] {
+        let [cos, sin] = each!(s = s, area = area => {
+            let (cos, sin) = turned(self.theta_of_plane(s, area) * INVERSE_TAU);
+            [cos, sin]
+        });
+        let [narrow, k, tanh_k] = each!(azimuth = azimuth, s = s, sin = sin => {
+            let Forward { narrow, k, tanh_k } = Forward::new(self.concentration_at(azimuth, s, sin));
+            [narrow, k, tanh_k]
+        });
+        let [cos_phi, sin_phi] = each!(narrow = narrow, k = k, tanh_k = tanh_k, turn = turn => {
+            let (cos, sin) = Forward { narrow, k, tanh_k }.sample(turn);
+            [cos, sin]
+        });
+        [cos, sin, cos_phi, sin_phi]
+    }
+
+    #[inline(always)]
+    fn exits_of_space(
+        &self,
+        azimuth: &Single,
+        theta: &Lane,
+        row: &Lane,
+        area: &Lane,
+        turn: &Lane,
+    ) -> [Lane; 4] {
+        let [turn] = each!(azimuth = azimuth, row = row, area = area, turn = turn => {
+            [self.turn_of_space(azimuth, row, area, turn)]
+        });
+        let [cos, sin] = each!(theta = theta, area = area => {
+            let (cos, sin) = turned(self.theta_of_space(theta, area) * INVERSE_TAU);
+            [cos, sin]
+        });
+        let [cos_phi, sin_phi] = each!(turn = turn => {
+            let (cos, sin) = turned(turn);
+            [cos, sin]
+        });
+        [cos, sin, cos_phi, sin_phi]
     }
 
     /// Values of [`Self::light`] of every lane: interior and rehit.
