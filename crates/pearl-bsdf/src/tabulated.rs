@@ -489,7 +489,7 @@ impl Tabulated {
         let rows = node * self.rows..(node + 1) * self.rows;
         let totals = &sampling.row_total[rows.clone()];
         let guide = &sampling.row_guide[rows.clone()];
-        let position = invert(|k| totals[k], &sampling.row_cdf[rows], guide, v);
+        let position = invert(|k| totals[k], &sampling.row_cdf[rows], guide, self.totals[node][component], v);
         let row = Cell::new(position as f32, self.rows);
         let fraction = f64::from(row.fraction);
         let (near, far) = ((1.0 - fraction) * totals[row.index], fraction * totals[row.index + 1]);
@@ -500,7 +500,8 @@ impl Tabulated {
             let range = self.range(node, row);
             let density = |k: usize| f64::from(self.cells[range.start + k][DENSITIES + component]);
             let cdf = &sampling.cdf[range.clone()];
-            let within = cumulated(density, cdf, f64::from(cap_edge)) / total(density, cdf);
+            let within =
+                cumulated(density, cdf, f64::from(cap_edge)) / sampling.row_total[node * self.rows + row];
             area = (u / within).min(1.0);
         }
         Pick { column, row: sign * position, area, turn: select }
@@ -555,7 +556,8 @@ impl Tabulated {
         let range = self.range(node, row);
         let cells = &self.cells[range.clone()];
         let density = |k: usize| f64::from(cells[k][DENSITIES + sampling.component]);
-        invert(density, &sampling.cdf[range.clone()], &sampling.guide[range], u)
+        let total = sampling.row_total[node * self.rows + row];
+        invert(density, &sampling.cdf[range.clone()], &sampling.guide[range], total, u)
     }
 }
 
@@ -617,14 +619,14 @@ fn split(u: f64, first: f64, a: usize, b: usize) -> (usize, f64) {
     (if is_first { a } else { b }, (u - from) / greatest(length, f64::MIN_POSITIVE))
 }
 
-/// Position where the integral of a piecewise-linear density reaches the share u of its total.
+/// Position where the integral of a piecewise-linear density reaches a share of its total.
 ///
 /// The density is u\[k\] at position k + ½, linear between, constant in the outer half cells; `cdf\[k\]` is its
 /// integral up to position k + ½; `guide` says where to begin looking in it ([`guide`]).
 #[inline(always)]
-fn invert(density: impl Fn(usize) -> f64, cdf: &[f64], guide: &[u16], share: f64) -> f64 {
+fn invert(density: impl Fn(usize) -> f64, cdf: &[f64], guide: &[u16], total: f64, share: f64) -> f64 {
     let last = cdf.len() - 1;
-    let target = share * total(&density, cdf);
+    let target = share * total;
     // `partition_point`, from where the guide says.
     let step = (share * guide.len() as f64) as usize;
     let mut above = usize::from(guide[step.min(last)]);
@@ -646,12 +648,6 @@ fn invert(density: impl Fn(usize) -> f64, cdf: &[f64], guide: &[u16], share: f64
     let root = (a * a + 2.0 * (b - a) * rest).max(0.0).sqrt();
     let t = if a + root > 0.0 { (2.0 * rest / (a + root)).min(1.0) } else { 0.0 };
     k as f64 + 0.5 + t
-}
-
-/// Integral of such a density over all positions.
-#[inline]
-fn total(density: impl Fn(usize) -> f64, cdf: &[f64]) -> f64 {
-    cdf[cdf.len() - 1] + 0.5 * density(cdf.len() - 1)
 }
 
 /// Integral of such a density up to a position.
@@ -679,7 +675,7 @@ fn cumulate(density: &[f64], cdf: &mut Vec<f64>) {
 
 /// Where to begin looking for a share of a row's total: centres surely below each of as many equal steps as there are cells.
 fn guide(density: &[f64], cdf: &[f64], guide: &mut Vec<u16>) {
-    let (total, cells) = (total(|k| density[k], cdf), cdf.len());
+    let (total, cells) = (density.iter().sum::<f64>(), cdf.len());
     let mut above = 0;
     for step in 0..cells {
         // Short of the step by more than rounding.

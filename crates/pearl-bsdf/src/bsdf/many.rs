@@ -16,6 +16,12 @@ use crate::tabulated::Exit;
 use crate::tabulated::many::Incidences;
 use pulp::{Arch, Simd, WithSimd};
 
+const BLANK: Sample = Sample {
+    wo: [0.0; 3],
+    pdf: 0.0,
+    value: Evaluation { diffuse: [0.0; 3], incoherent: [0.0; 3], mirror: [0.0; 3], blur: [0.0; 3] },
+};
+
 /// Pairs above the horizon, with what their lobes need.
 struct Pairs {
     valid: [bool; LANES],
@@ -242,7 +248,8 @@ impl PearlBsdf {
             *out = None;
             if valid[k] && pdf > 0.0 && pdf.is_finite() {
                 // Filled where it lies: a copy would wait for what was written a moment ago.
-                let sample = out.insert(Sample { wo, pdf, value: Evaluation::default() });
+                let sample = out.insert(BLANK);
+                (sample.wo, sample.pdf) = (wo, pdf);
                 if self.dispersed.is_some() {
                     // The lobe at the table's own wavelength is what is sampled.
                     sample.value = self.eval(wi[k], wo);
@@ -270,7 +277,8 @@ impl PearlBsdf {
         }
         let mut part = [0; LANES];
         for k in 0..LANES {
-            (part[k], u[0][k]) = choose(&chances.each_ref().map(|chances| chances[k]), u[0][k]);
+            let chances = [chances[0][k], chances[1][k], chances[2][k], chances[3][k]];
+            (part[k], u[0][k]) = choose(&chances, u[0][k]);
         }
         let azimuth = &i.azimuth;
         let exits = self.tabulated.exits(at, &part, &u);
