@@ -105,6 +105,9 @@ struct Span {
 /// falls into the cap around the normal.
 type Along = [f32; 4];
 
+/// Area of what is outside the cap.
+const OUTSIDE: f64 = -1.0;
+
 /// Where these shares begin in [`Along`].
 const CAP: usize = 2;
 
@@ -118,8 +121,6 @@ const SPAN_STEPS: usize = 64;
 /// Piecewise-linear densities of one component, every incidence.
 #[derive(Clone, Debug)]
 struct Sampling {
-    /// Which component.
-    component: usize,
     /// Integral of u up to each cell centre of a row.
     cdf: Vec<f64>,
     /// Where to begin looking in `cdf` of a row ([`guide`]), and in `row_cdf` of an incidence.
@@ -149,19 +150,14 @@ pub(crate) struct Incidence {
     azimuth: f32,
 }
 
-/// Where random numbers fall among the cells: what [`Tabulated::exit`] makes a direction of.
+/// Where the integral of a piecewise-linear density reaches its target: behind a position, with the densities there and at the
+/// next one, and what is left of the target.
 #[derive(Clone, Copy, Debug)]
-struct Pick {
-    /// Positions in the columns, and in the φ rows of walk tables; a negative row is on the other side of the plane of incidence.
-    column: f64,
-    row: f64,
-    /// Share of the cap's area nearer to the normal, and turn within it. In walk tables the area is negative outside it.
-    area: f64,
-    turn: f64,
+struct Found {
+    base: f64,
+    density: [f64; 2],
+    rest: f64,
 }
-
-/// A pick of a component without light: its exit is no direction.
-const NOTHING: Pick = Pick { column: 0.0, row: 0.0, area: 1.0, turn: f64::NAN };
 
 /// An exit direction.
 #[derive(Clone, Copy, Debug)]
@@ -300,8 +296,7 @@ impl Tabulated {
     /// The φ axis of walk tables whose φ cells have this width.
     #[inline(always)]
     fn around(&self, width: f32) -> Warp {
-        let width = f64::from(width);
-        Warp::one_sided(0.0, PI, width, 1.0 / width, self.rows)
+        Warp::one_sided(0.0, PI, f64::from(width), f64::from(1.0 / width), self.rows)
     }
 
     #[inline(always)]
@@ -456,69 +451,82 @@ impl Tabulated {
         [0, 1].map(|c| a[c] + fraction * (b[c] - a[c]))
     }
 
-    /// An exit direction of one component from three uniform numbers.
+    /// An exit direction of one component from three uniform numbers; no direction of one without light.
     #[inline]
     pub(crate) fn sample(&self, component: usize, at: &Incidence, select: f64, u: f64, v: f64) -> Exit {
-        let cap_edge = if self.signed() { 0.0 } else { self.cap_edge(&at.columns) };
-        self.exit(&at.columns, at.azimuth, &self.pick(component, at.between, cap_edge, [select, u, v]))
+        let (node, left, v) = self.choose_node(component, at.between, select, v);
+        if self.signed() {
+            let s = at.columns.at(self.find(component, node, u).position());
+            // Neither what chose the node nor v has said anything yet: they place what falls into the cap.
+            let (cos, sin) = turned(self.theta_of_plane(s, left) * INVERSE_TAU);
+            let around = Forward::new(self.concentration_at(at.azimuth, s, sin));
+            return Exit { cos, sin, azimuth: around.sample(v) };
+        }
+        let (side, v) = side_of(v);
+        let around = self.find_row(component, node, v).position();
+        let (row, left) = self.choose_row(component, node, around, left);
+        let column = self.find(component, row, u).position();
+        let cap_edge = self.cap_edge(&at.columns);
+        let area = if column < cap_edge { self.cap_area(component, row, cap_edge, u) } else { OUTSIDE };
+        let (cos, sin) = turned(self.theta_of_space(at.columns.at(column), area) * INVERSE_TAU);
+        Exit { cos, sin, azimuth: turned(self.turn_of_space(at.azimuth, side * around, left, area)) }
+    }
+
+    /// One of two incidences by a uniform number, what is left of it, and v; NaN for v where the component has no light.
+    #[inline(always)]
+    fn choose_node(&self, component: usize, between: Between, select: f64, v: f64) -> (usize, f64, f64) {
+        let Between { node, next, fraction } = between;
+        let fraction = f64::from(fraction);
+        let near = (1.0 - fraction) * self.totals[node][component];
+        let both = near + fraction * self.totals[next][component];
+        let (node, left) = split(select, near / both, node, next);
+        (node, left, if both > 0.0 { v } else { f64::NAN })
+    }
+
+    /// Where a uniform number falls among the φ rows of an incidence of a walk table.
+    #[inline(always)]
+    fn find_row(&self, component: usize, node: usize, v: f64) -> Found {
+        let sampling = &self.sampling[component];
+        let rows = node * self.rows..(node + 1) * self.rows;
+        let (cdf, guide) = (&sampling.row_cdf[rows.clone()], &sampling.row_guide[rows.clone()]);
+        let totals = &sampling.row_total[rows];
+        find(|k| totals[k], cdf, guide, self.totals[node][component], v)
+    }
+
+    /// One of the two rows around a position (the number among those of all incidences) by a uniform number, and what is left of it.
+    #[inline(always)]
+    fn choose_row(&self, component: usize, node: usize, position: f64, select: f64) -> (usize, f64) {
+        let cell = Cell::new(position as f32, self.rows);
+        let (first, fraction) = (node * self.rows + cell.index, f64::from(cell.fraction));
+        let totals = &self.sampling[component].row_total;
+        let (near, far) = ((1.0 - fraction) * totals[first], fraction * totals[first + 1]);
+        split(select, near / (near + far), first, first + 1)
+    }
+
+    /// Where a uniform number falls in a row.
+    #[inline(always)]
+    fn find(&self, component: usize, row: usize, u: f64) -> Found {
+        let sampling = &self.sampling[component];
+        let range = row * self.columns..(row + 1) * self.columns;
+        let cells = &self.cells[range.clone()];
+        let density = |k: usize| f64::from(cells[k][DENSITIES + component]);
+        find(density, &sampling.cdf[range.clone()], &sampling.guide[range], sampling.row_total[row], u)
     }
 
     /// Column at the edge of the cap in walk tables.
     #[inline(always)]
-    fn cap_edge(&self, columns: &Warp) -> f32 {
-        columns.position(self.cap.radius).0
+    fn cap_edge(&self, columns: &Warp) -> f64 {
+        f64::from(columns.position(self.cap.radius).0)
     }
 
-    /// Where three uniform numbers fall among the cells of one component: all that is looked up.
-    #[inline(always)]
-    fn pick(&self, component: usize, between: Between, cap_edge: f32, [select, u, v]: [f64; 3]) -> Pick {
-        let sampling = &self.sampling[component];
-        let Between { node, next, fraction } = between;
-        let fraction = f64::from(fraction);
-        let (near, far) =
-            ((1.0 - fraction) * self.totals[node][component], fraction * self.totals[next][component]);
-        if near + far <= 0.0 {
-            return NOTHING;
-        }
-        let (node, select) = split(select, near / (near + far), node, next);
-        if self.signed() {
-            // Neither the number that chose the row nor v has said anything yet: they are left to the cap.
-            return Pick { column: self.invert_row(sampling, node, 0, u), row: 0.0, area: select, turn: v };
-        }
-        let (sign, v) = if v < 0.5 { (1.0, 2.0 * v) } else { (-1.0, 2.0 * v - 1.0) };
-        let rows = node * self.rows..(node + 1) * self.rows;
-        let totals = &sampling.row_total[rows.clone()];
-        let guide = &sampling.row_guide[rows.clone()];
-        let position = invert(|k| totals[k], &sampling.row_cdf[rows], guide, self.totals[node][component], v);
-        let row = Cell::new(position as f32, self.rows);
-        let fraction = f64::from(row.fraction);
-        let (near, far) = ((1.0 - fraction) * totals[row.index], fraction * totals[row.index + 1]);
-        let (row, select) = split(select, near / (near + far), row.index, row.index + 1);
-        let column = self.invert_row(sampling, node, row, u);
-        let mut area = -1.0;
-        if column < f64::from(cap_edge) {
-            let range = self.range(node, row);
-            let density = |k: usize| f64::from(self.cells[range.start + k][DENSITIES + component]);
-            let cdf = &sampling.cdf[range.clone()];
-            let within =
-                cumulated(density, cdf, f64::from(cap_edge)) / sampling.row_total[node * self.rows + row];
-            area = (u / within).min(1.0);
-        }
-        Pick { column, row: sign * position, area, turn: select }
-    }
-
-    /// The exit at what was picked.
+    /// Share of the cap's area up to a number that falls into it, in a row of a walk table.
     #[inline]
-    fn exit(&self, columns: &Warp, azimuth: f32, pick: &Pick) -> Exit {
-        let x = columns.at(pick.column);
-        if self.signed() {
-            let (cos, sin) = turned(self.theta_of_plane(x, pick.area) * INVERSE_TAU);
-            let around = Forward::new(self.concentration_at(azimuth, x, sin));
-            Exit { cos, sin, azimuth: around.sample(pick.turn) }
-        } else {
-            let (cos, sin) = turned(self.theta_of_space(x, pick.area) * INVERSE_TAU);
-            Exit { cos, sin, azimuth: turned(self.turn_of_space(azimuth, pick.row, pick.area, pick.turn)) }
-        }
+    fn cap_area(&self, component: usize, row: usize, cap_edge: f64, u: f64) -> f64 {
+        let sampling = &self.sampling[component];
+        let range = row * self.columns..(row + 1) * self.columns;
+        let cells = &self.cells[range.clone()];
+        let density = |k: usize| f64::from(cells[k][DENSITIES + component]);
+        least(u * sampling.row_total[row] / cumulated(density, &sampling.cdf[range], cap_edge), 1.0)
     }
 
     /// θo at a signed exit angle of decay tables.
@@ -546,18 +554,10 @@ impl Tabulated {
 
     /// φ in turns, of walk tables.
     #[inline(always)]
-    fn turn_of_space(&self, azimuth: f32, row: f64, area: f64, turn: f64) -> f64 {
-        let phi = least(self.around(azimuth).at(row.abs()), PI).copysign(row);
-        if area >= 0.0 { turn - 0.5 } else { phi * INVERSE_TAU }
-    }
-
-    #[inline(always)]
-    fn invert_row(&self, sampling: &Sampling, node: usize, row: usize, u: f64) -> f64 {
-        let range = self.range(node, row);
-        let cells = &self.cells[range.clone()];
-        let density = |k: usize| f64::from(cells[k][DENSITIES + sampling.component]);
-        let total = sampling.row_total[node * self.rows + row];
-        invert(density, &sampling.cdf[range.clone()], &sampling.guide[range], total, u)
+    fn turn_of_space(&self, azimuth: f32, around: f64, left: f64, area: f64) -> f64 {
+        // A NaN passes through.
+        let phi = least(PI, self.around(azimuth).at(around.abs())).copysign(around);
+        if area >= 0.0 { left - 0.5 } else { phi * INVERSE_TAU }
     }
 }
 
@@ -610,6 +610,12 @@ fn along_step(fraction: f32) -> (usize, f32) {
     step_of(fraction * SPAN_STEPS as f32, (SPAN_STEPS - 1) as f32)
 }
 
+/// A side of the plane of incidence by one half of a uniform number, and what is left of it.
+#[inline(always)]
+fn side_of(v: f64) -> (f64, f64) {
+    if v < 0.5 { (1.0, 2.0 * v) } else { (-1.0, 2.0 * v - 1.0) }
+}
+
 /// Chooses between two with the probability of the first, and what is left of the random number.
 #[inline(always)]
 fn split(u: f64, first: f64, a: usize, b: usize) -> (usize, f64) {
@@ -619,12 +625,12 @@ fn split(u: f64, first: f64, a: usize, b: usize) -> (usize, f64) {
     (if is_first { a } else { b }, (u - from) / greatest(length, f64::MIN_POSITIVE))
 }
 
-/// Position where the integral of a piecewise-linear density reaches a share of its total.
+/// Where the integral of a piecewise-linear density reaches a share of its total.
 ///
 /// The density is u\[k\] at position k + ½, linear between, constant in the outer half cells; `cdf\[k\]` is its
 /// integral up to position k + ½; `guide` says where to begin looking in it ([`guide`]).
 #[inline(always)]
-fn invert(density: impl Fn(usize) -> f64, cdf: &[f64], guide: &[u16], total: f64, share: f64) -> f64 {
+fn find(density: impl Fn(usize) -> f64, cdf: &[f64], guide: &[u16], total: f64, share: f64) -> Found {
     let last = cdf.len() - 1;
     let target = share * total;
     // `partition_point`, from where the guide says.
@@ -635,19 +641,20 @@ fn invert(density: impl Fn(usize) -> f64, cdf: &[f64], guide: &[u16], total: f64
     while above <= last && cdf[above] <= target {
         above += 1;
     }
-    if above == 0 {
-        return 0.5 * target / cdf[0];
+    let below = above.saturating_sub(1);
+    let (base, reached) = if above == 0 { (0.0, 0.0) } else { (above as f64 - 0.5, cdf[below]) };
+    Found { base, density: [density(below), density(above.min(last))], rest: target - reached }
+}
+
+impl Found {
+    /// The position.
+    #[inline(always)]
+    fn position(&self) -> f64 {
+        let Self { base, density: [a, b], rest } = *self;
+        // a·t + (b − a)·t²/2 = rest, in the form that does not cancel.
+        let root = greatest(a * a + 2.0 * (b - a) * rest, 0.0).sqrt();
+        base + if a + root > 0.0 { least(2.0 * rest / (a + root), 1.0) } else { 0.0 }
     }
-    if above > last {
-        let rest = if density(last) > 0.0 { (target - cdf[last]) / density(last) } else { 0.0 };
-        return last as f64 + 0.5 + rest.clamp(0.0, 0.5);
-    }
-    let k = above - 1;
-    let (a, b, rest) = (density(k), density(k + 1), target - cdf[k]);
-    // a·t + (b − a)·t²/2 = rest, in the form that does not cancel.
-    let root = (a * a + 2.0 * (b - a) * rest).max(0.0).sqrt();
-    let t = if a + root > 0.0 { (2.0 * rest / (a + root)).min(1.0) } else { 0.0 };
-    k as f64 + 0.5 + t
 }
 
 /// Integral of such a density up to a position.
@@ -732,7 +739,6 @@ impl Sampling {
     fn new(table: &Table, cells: &[Values], component: usize) -> Self {
         let axis = &table.meta.exit_axis;
         let mut this = Self {
-            component,
             cdf: Vec::with_capacity(cells.len()),
             guide: Vec::with_capacity(cells.len()),
             row_guide: Vec::new(),
