@@ -454,7 +454,7 @@ impl Tabulated {
     /// An exit direction of one component from three uniform numbers; no direction of one without light.
     #[inline]
     pub(crate) fn sample(&self, component: usize, at: &Incidence, select: f64, u: f64, v: f64) -> Exit {
-        let (node, left, v) = self.choose_node(component, at.between, select, v);
+        let (node, left) = self.choose_node(component, at.between, select);
         if self.signed() {
             let s = at.columns.at(self.find(component, node, u).position());
             // Neither what chose the node nor v has said anything yet: they place what falls into the cap.
@@ -472,15 +472,14 @@ impl Tabulated {
         Exit { cos, sin, azimuth: turned(self.turn_of_space(at.azimuth, side * around, left, area)) }
     }
 
-    /// One of two incidences by a uniform number, what is left of it, and v; NaN for v where the component has no light.
+    /// One of two incidences by a uniform number, and what is left of it; NaN where the component has no light.
     #[inline(always)]
-    fn choose_node(&self, component: usize, between: Between, select: f64, v: f64) -> (usize, f64, f64) {
+    fn choose_node(&self, component: usize, between: Between, select: f64) -> (usize, f64) {
         let Between { node, next, fraction } = between;
         let fraction = f64::from(fraction);
         let near = (1.0 - fraction) * self.totals[node][component];
-        let both = near + fraction * self.totals[next][component];
-        let (node, left) = split(select, near / both, node, next);
-        (node, left, if both > 0.0 { v } else { f64::NAN })
+        let far = fraction * self.totals[next][component];
+        split(select, near / (near + far), node, next)
     }
 
     /// Where a uniform number falls among the φ rows of an incidence of a walk table.
@@ -529,10 +528,11 @@ impl Tabulated {
         least(u * sampling.row_total[row] / cumulated(density, &sampling.cdf[range], cap_edge), 1.0)
     }
 
-    /// θo at a signed exit angle of decay tables.
+    /// θo at a signed exit angle of decay tables; NaN where nothing is left.
     #[inline(always)]
-    fn theta_of_plane(&self, s: f64, area: f64) -> f64 {
-        if self.is_capped(s) { self.cap.theta(area) } else { least(s.abs(), FRAC_PI_2) }
+    fn theta_of_plane(&self, s: f64, left: f64) -> f64 {
+        let theta = if self.is_capped(s) { self.cap.theta(left) } else { least(s.abs(), FRAC_PI_2) };
+        if left.is_nan() { left } else { theta }
     }
 
     /// Concentration of the sampled azimuths there: 0, at which all are equal, in the cap and behind.
@@ -552,12 +552,12 @@ impl Tabulated {
         if area >= 0.0 { self.cap.theta(area) } else { least(greatest(theta, 0.0), FRAC_PI_2) }
     }
 
-    /// φ in turns, of walk tables.
+    /// φ in turns, of walk tables; NaN where nothing is left.
     #[inline(always)]
     fn turn_of_space(&self, azimuth: f32, around: f64, left: f64, area: f64) -> f64 {
-        // A NaN passes through.
-        let phi = least(PI, self.around(azimuth).at(around.abs())).copysign(around);
-        if area >= 0.0 { left - 0.5 } else { phi * INVERSE_TAU }
+        let phi = least(self.around(azimuth).at(around.abs()), PI).copysign(around);
+        let turn = if area >= 0.0 { left - 0.5 } else { phi * INVERSE_TAU };
+        if left.is_nan() { left } else { turn }
     }
 }
 
@@ -777,4 +777,27 @@ fn measures(axis: &ExitAxis, theta_i: f64, width: f64) -> Vec<f64> {
     };
     let band: Vec<f64> = centres.iter().zip(&slopes).map(|(theta, slope)| theta.sin() * slope).collect();
     (0..phi.cells).flat_map(|row| band.iter().map(move |b| b * phi.slope(row as f64 + 0.5))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::specimen;
+
+    #[test]
+    fn a_component_without_light_has_no_exits() {
+        let incidences: Vec<f64> = (0..=18).map(|i| 5.0 * f64::from(i)).collect();
+        for mut table in [specimen::plane(&incidences, 48), specimen::space(&incidences, 32, 24)] {
+            table.rehit.value.fill(0.0);
+            let tabulated = Tabulated::new(&Interpolant::new(table));
+            for k in 0..1000 {
+                let [select, u, v] = [0.618, 0.755, 0.570].map(|step| (f64::from(k) * step).fract());
+                let incidence = tabulated.incidence(&Polar::at(FRAC_PI_2 * (f64::from(k) + 0.5) / 1000.0));
+                let [lit, dark] = [0, 1].map(|part| tabulated.sample(part, &incidence, select, u, v));
+                let length2 = |exit: &Exit| exit.cos.hypot(exit.sin) * exit.azimuth.0.hypot(exit.azimuth.1);
+                assert!((length2(&lit) - 1.0).abs() < 1e-6, "{lit:?}");
+                assert!(length2(&dark).is_nan(), "{dark:?}");
+            }
+        }
+    }
 }

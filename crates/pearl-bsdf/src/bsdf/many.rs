@@ -401,13 +401,9 @@ fn assert_of_one_length(a: usize, b: usize, c: usize) {
 }
 
 #[cfg(test)]
-#[path = "../../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
-
-#[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Controls;
+    use crate::{Controls, specimen};
     use pulp::Scalar;
     use rand::rngs::StdRng;
     use rand::{RngExt as _, SeedableRng as _};

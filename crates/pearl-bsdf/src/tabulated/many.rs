@@ -100,15 +100,15 @@ impl Tabulated {
             count += usize::from(*component < COMPONENTS.len());
         }
         let wanted = &wanted[..count];
-        let (mut node, mut left, mut v_left) = ([0; LANES], [0.0; LANES], [0.0; LANES]);
+        let (mut node, mut left) = ([0; LANES], [0.0; LANES]);
         for &k in wanted {
-            (node[k], left[k], v_left[k]) = self.choose_node(component[k], at.between[k], select[k], v[k]);
+            (node[k], left[k]) = self.choose_node(component[k], at.between[k], select[k]);
         }
         if self.signed() {
             let s = self.at_columns(at, &self.columns_of(wanted, component, &node, u));
-            self.exits_of_plane(&at.azimuth, &s, &left, &v_left)
+            self.exits_of_plane(&at.azimuth, &s, &left, v)
         } else {
-            let [side, v] = each!(v = v_left => {
+            let [side, v] = each!(v = v => {
                 let (side, v) = side_of(v);
                 [side, v]
             });
