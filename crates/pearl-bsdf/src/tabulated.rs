@@ -423,9 +423,9 @@ impl Tabulated {
     /// The [`Values`] at a row.
     #[inline(always)]
     fn read(&self, between: Between, row: usize, cell: Cell) -> Values {
-        let along = cell.fraction;
-        let near = self.read_node(between.node, row, cell.index, along);
-        let far = self.read_node(between.next, row, cell.index, along);
+        let (within, cells) = (row * self.columns + cell.index, self.rows * self.columns);
+        let near = self.read_cells(between.node * cells + within, cell.fraction);
+        let far = self.read_cells(between.next * cells + within, cell.fraction);
         angles::between(&near, &far, between.fraction)
     }
 
@@ -437,10 +437,10 @@ impl Tabulated {
         angles::between(&near, &far, row.fraction)
     }
 
+    /// The [`Values`] between a cell and the next one.
     #[inline(always)]
-    fn read_node(&self, node: usize, row: usize, column: usize, along: f32) -> Values {
-        let k = (node * self.rows + row) * self.columns + column;
-        let [a, b] = &self.cells[k..k + 2] else { return [0.0; 4] };
+    fn read_cells(&self, cell: usize, along: f32) -> Values {
+        let [a, b] = &self.cells[cell..cell + 2] else { return [0.0; 4] };
         angles::between(a, b, along)
     }
 
