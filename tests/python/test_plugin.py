@@ -679,6 +679,33 @@ def test_derivatives_are_those_of_finite_differences(variant, tables):
     check_gradient(bsdf, "lut", lambda at, x: mi.TensorXf(at * (1.0 + share * x), lut.shape), lut.array, 0.02)
 
 
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral"])
+def test_derivatives_hold_at_the_ends_of_the_ranges(variant, tables):
+    """Where a control is 0 or 1: one-sided differences of second order. Parameters stay single numbers there."""
+    use(variant)
+    si, wo = gradient_pairs()
+    for depth, brightness, coherence, tint in ((0.0, 1.0, 0.0, [1.0, 0.5, 0.0]), (1.0, 0.0, 0.4, [0.0, 1.0, 0.3]), (1.0, 0.5, 1.0, [0.2, 1.0, 0.3])):
+        look = {"depth": depth, "brightness": brightness, "coherence": coherence}
+        for name, end in look.items():
+            if end not in (0.0, 1.0):
+                continue
+            bsdf = load(tables["walk"], body_color=rgb(GREY), tint=rgb(tint), **look)
+            x, inward = mi.Float(0.0), 0.01 if end == 0.0 else -0.01
+            dr.enable_grad(x)
+            set_parameter(bsdf, name, end + x)
+            dr.backward(loss(bsdf, si, wo))
+            values = []
+            for steps in range(3):
+                set_parameter(bsdf, name, mi.Float(end + steps * inward))
+                values.append(scalar_loss(bsdf, si, wo))
+            difference = (-3.0 * values[0] + 4.0 * values[1] - values[2]) / (2.0 * inward)
+            assert difference != 0.0, (name, look)
+            assert abs(dr.grad(x)[0] / difference - 1.0) < 0.01, (name, look, dr.grad(x)[0], difference)
+            parameters = mi.traverse(bsdf)
+            widths = {name: dr.width(parameters[name]) for name in (*look, "tint")}
+            assert set(widths.values()) == {1}, widths
+
+
 # Bad input: one message that names what is wrong and what would be right.
 
 
@@ -746,6 +773,9 @@ def test_parameters_set_out_of_range_are_refused(tables):
         ("brightness", 1.2, "brightness: 1.2"),
         ("depth", 0.5, "illuminant"),
         ("tint", mi.Color3f(1, 1, -1), r"tint\[2\]"),
+        ("brightness", mi.Float([0.1, 0.2]), r"brightness: \[0.1.*, 0.2.*\] is not valid; expected a number"),
+        ("tint", mi.Color3f([0.1, 0.2], 1, 1), r"tint: \[0.1.*\] is not valid; expected a colour"),
+        ("lut", mi.TensorXf([0.5]), r"lut: has the shape \(1,\); expected that of the table, \(8, 1, "),
     ):
         with pytest.raises(Exception, match=message):
             set_parameter(load(tables["sparse"]), name, value)

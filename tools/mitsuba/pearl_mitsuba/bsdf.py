@@ -110,7 +110,9 @@ def _pearl(base):
             if any(key.split(".")[0] == "body_color" for key in keys):
                 self.body_rgb = None
             if not keys or "lut" in keys:
-                values = np.array(dr.detach(self.lut)).reshape(self.table.values.shape)
+                values, shape = np.array(dr.detach(self.lut)), self.table.values.shape
+                if values.shape != shape:
+                    raise PearlError(f"pearl: lut: has the shape {values.shape}; expected that of the table, {shape}")
                 if not np.isfinite(values).all():
                     raise PearlError("pearl: lut: has a value that is not finite")
                 # What is sampled must be a density.
@@ -119,9 +121,19 @@ def _pearl(base):
 
         def _values(self):
             """Depth, brightness, coherence and tint as plain numbers."""
-            one = lambda value: float(np.ravel(np.array(dr.detach(value)))[0])  # noqa: E731
-            tint = [float(c) for c in np.ravel(np.array(dr.detach(self.tint)))]
-            return one(self.depth), one(self.brightness), one(self.coherence), tint
+            plain = lambda name: np.ravel(np.array(dr.detach(getattr(self, name)))).tolist()  # noqa: E731
+            controls = []
+            for name in ("depth", "brightness", "coherence"):
+                values = plain(name)
+                controls.append(values[0] if len(values) == 1 else values)
+            return *controls, plain("tint")
+
+        def _fresh(self):
+            """The controls for arithmetic: Dr.Jit 1.5 widens a literal 0 in place where it multiplies a longer array, and the
+            artist's own parameters must stay single numbers."""
+            zero = dr.opaque(self.types.Float, 0.0)
+            fresh = (value + zero for value in (self.depth, self.brightness, self.coherence))
+            return *fresh, [channel + zero for channel in self.tint]
 
         def _derive(self):
             """Everything that follows from the controls."""
@@ -131,7 +143,7 @@ def _pearl(base):
                 parameters.number(name, value)
             parameters.colour("tint", plain[3])
             parameters.check_parts(self.table, plain[0], plain[2])
-            given = (self.depth, self.brightness, self.coherence, self.tint) if types.jit else plain
+            given = self._fresh() if types.jit else plain
             derived = self.derive(*given)
             self.colours = self.painter(types, derived, self.bands)
             self.used_depth = given[0]
@@ -199,11 +211,12 @@ def _pearl(base):
             return record, mi.depolarizer(weight)
 
         def to_string(self):
-            depth, brightness, coherence, tint = self._values()
+            *numbers, tint = self._values()
+            depth, brightness, coherence = (f"{value:g}" if isinstance(value, float) else value for value in numbers)
             shown = ",".join(name for name, show in zip(parameters.COMPONENTS, self.shown) if show)
             return (
-                f"Pearl[\n  filename = {self.table.name},\n  depth = {depth:g},\n  brightness = {brightness:g},\n"
-                f"  coherence = {coherence:g},\n  tint = {tint},\n  components = {shown}\n]"
+                f"Pearl[\n  filename = {self.table.name},\n  depth = {depth},\n  brightness = {brightness},\n"
+                f"  coherence = {coherence},\n  tint = {tint},\n  components = {shown}\n]"
             )
 
         # Its parts.
