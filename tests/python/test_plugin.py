@@ -679,6 +679,33 @@ def test_derivatives_are_those_of_finite_differences(variant, tables):
     check_gradient(bsdf, "lut", lambda at, x: mi.TensorXf(at * (1.0 + share * x), lut.shape), lut.array, 0.02)
 
 
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral"])
+def test_derivatives_hold_at_the_ends_of_the_ranges(variant, tables):
+    """Where a control is 0 or 1: one-sided differences of second order. Parameters stay single numbers there."""
+    use(variant)
+    si, wo = gradient_pairs()
+    for depth, brightness, coherence, tint in ((0.0, 1.0, 0.0, [1.0, 0.5, 0.0]), (1.0, 0.0, 0.4, [0.0, 1.0, 0.3]), (1.0, 0.5, 1.0, [0.2, 1.0, 0.3])):
+        look = {"depth": depth, "brightness": brightness, "coherence": coherence}
+        for name, end in look.items():
+            if end not in (0.0, 1.0):
+                continue
+            bsdf = load(tables["walk"], body_color=rgb(GREY), tint=rgb(tint), **look)
+            x, inward = mi.Float(0.0), 0.01 if end == 0.0 else -0.01
+            dr.enable_grad(x)
+            set_parameter(bsdf, name, end + x)
+            dr.backward(loss(bsdf, si, wo))
+            values = []
+            for steps in range(3):
+                set_parameter(bsdf, name, mi.Float(end + steps * inward))
+                values.append(scalar_loss(bsdf, si, wo))
+            difference = (-3.0 * values[0] + 4.0 * values[1] - values[2]) / (2.0 * inward)
+            assert difference != 0.0, (name, look)
+            assert abs(dr.grad(x)[0] / difference - 1.0) < 0.01, (name, look, dr.grad(x)[0], difference)
+            parameters = mi.traverse(bsdf)
+            widths = {name: dr.width(parameters[name]) for name in (*look, "tint")}
+            assert set(widths.values()) == {1}, widths
+
+
 # Bad input: one message that names what is wrong and what would be right.
 
 
@@ -696,6 +723,55 @@ def damaged(folder, tables, name, change):
     return path
 
 
+def set_to(value, *path):
+    """A change of the metadata: what lies at a path becomes a value."""
+
+    def change(text):
+        meta = json.loads(text)
+        part = meta
+        for key in path[:-1]:
+            part = part[key]
+        part[path[-1]] = value
+        return json.dumps(meta)
+
+    return change
+
+
+#: Metadata that are JSON and make no table: what a field becomes, where it lies, and what is said of it.
+FALSE_METADATA = [
+    (2.0, ("per_incidence", 4, "albedo"), r"per_incidence\[4\].albedo: is 2.0, expected a share"),
+    ("x", ("per_incidence", 4, "albedo"), r"per_incidence\[4\].albedo: is 'x', expected a share"),
+    (0.999, ("per_incidence", 4, "surface"), r"per_incidence\[4\].surface: is 0.999, expected at most albedo"),
+    (1.0, ("per_incidence", 4, "theta_i_deg"), r"per_incidence\[4\].theta_i_deg: is 1, expected more than"),
+    (95.0, ("per_incidence", -1, "theta_i_deg"), r"per_incidence\[7\].theta_i_deg: is 95.0, expected 0 to 90"),
+    (-3.0, ("per_incidence", 4, "azimuth_width_deg"), r"per_incidence\[4\].azimuth_width_deg: is -3.0"),
+    ([], ("per_incidence",), r"per_incidence: has 0 entries"),
+    (None, ("exit_axis",), r"exit_axis: is no JSON object"),
+    (-1.0, ("exit_axis", "width"), r"exit_axis.width: is -1.0, expected 1e-7 to π/6 radians"),
+    (0.0, ("exit_axis", "width"), r"exit_axis.width: is 0.0"),
+    ("space", ("exit_axis", "kind"), r"exit_axis.kind: is 'space' with azimuth 'decay'"),
+    (1, ("exit_axis", "cells"), r"exit_axis.cells: is 1, expected an even whole number"),
+    (-1.0, ("surface_model", "n_ambient"), r"surface_model.n_ambient: is -1.0, expected a positive number"),
+    ("some", ("surface_model", "normals"), r"surface_model.normals: is 'some'"),
+    (1, ("schema",), r"schema: is 1, expected pearl-lut/1"),
+    ([1.0, 2.0], ("recipe", "look", "body_rgb"), r"body_color\[1\]: 2.0 is not valid"),
+    (7, ("recipe", "look", "brightness"), r"brightness: 7.0 is not valid"),
+    ({}, ("reciprocal",), r"reciprocal.interior_gain: is missing"),
+    ({"wavelength_nm": [400.0, 401.0, 410.0]}, ("spectra",), r"spectra.wavelength_nm\[1\]: .*equally spaced"),
+    ({"wavelength_nm": [400.0], "coherent": {"theta_deg": [0, 80]}}, ("spectra",), r"theta_deg: runs from 0 to 80"),
+    ({"wavelength_nm": [400.0], "illuminant": {"theta_deg": [0, 90], "emission": [[1.0], [-5.0]]}}, ("spectra",),
+     r"spectra.illuminant.emission\[1\]\[0\]: is -5.0, expected 0 to"),
+]  # fmt: skip
+
+
+def false_metadata(folder, tables):
+    """Tables with FALSE_METADATA, and what is said of them."""
+    return [
+        ({"filename": str(damaged(folder, tables, f"false{k}", set_to(value, *path)))}, message)
+        for k, (value, path, message) in enumerate(FALSE_METADATA)
+    ]
+
+
 def bad_inputs(folder, tables):
     good = {"filename": str(tables["sparse"])}
     text = folder / "text.exr"
@@ -705,7 +781,7 @@ def bad_inputs(folder, tables):
     foreign = damaged(folder, tables, "foreign", lambda text: None)
     newer = damaged(folder, tables, "newer", lambda text: text.replace("pearl-lut/1", "pearl-lut/2"))
     torn = damaged(folder, tables, "torn", lambda text: text.replace('"per_incidence"', '"per_incident"'))
-    wider = damaged(folder, tables, "wider", lambda text: re.sub(r'"cells":\d+', '"cells":96000', text))
+    wider = damaged(folder, tables, "wider", lambda text: re.sub(r'"cells":\d+', '"cells":9600', text))
     return [
         ({}, r"filename: is missing.*bake-brdf"),
         ({"filename": "/nowhere/pearl.exr"}, r"filename: /nowhere/pearl.exr is not a file.*bake-brdf"),
@@ -714,8 +790,8 @@ def bad_inputs(folder, tables):
         ({"filename": str(truncated)}, r"truncated.exr.*bake"),
         ({"filename": str(foreign)}, r"no attribute `pearl`.*bake-brdf"),
         ({"filename": str(newer)}, r"schema is 'pearl-lut/2'"),
-        ({"filename": str(torn)}, r"metadata is damaged.*bake-brdf"),
-        ({"filename": str(wider)}, r"pixels, its metadata say 96000"),
+        ({"filename": str(torn)}, r"per_incidence: is missing.*bake-brdf"),
+        ({"filename": str(wider)}, r"pixels, its metadata say 9600"),
         ({**good, "depth": 0.5}, r"depth: is 0.5, but .*illuminant.*bake-brdf RECIPE"),
         ({**good, "coherence": 1}, r"coherence: is 1, but .*coherent.*bake-brdf RECIPE"),
         ({**good, "brightness": 1.5}, r"brightness: 1.5 is not valid; expected a number from 0 to 1"),
@@ -725,6 +801,10 @@ def bad_inputs(folder, tables):
         ({**good, "tint": rgb([1.0, 2.0, 0.5])}, r"tint\[1\]: 2.0 is not valid"),
         ({**good, "body_color": rgb([0.5, -0.1, 0.5])}, r"body_color\[1\]: -0.1 is not valid"),
         ({**good, "components": "blur,shine"}, r"components: 'shine'.*diffuse, incoherent, mirror, blur"),
+        ({**good, "tint": {"type": "checkerboard"}}, r"tint: a \w+ is not valid; expected a colour"),
+        ({**good, "body_color": "red"}, r"body_color: is no colour, spectrum or texture"),
+        ({**good, "body_color": {"type": "diffuse"}}, r"body_color: is no colour, spectrum or texture"),
+        *false_metadata(folder, tables),
         ({**good, "roughness": 0.1}, r"roughness: no such parameter; expected one of filename, depth"),
     ]
 
@@ -746,6 +826,9 @@ def test_parameters_set_out_of_range_are_refused(tables):
         ("brightness", 1.2, "brightness: 1.2"),
         ("depth", 0.5, "illuminant"),
         ("tint", mi.Color3f(1, 1, -1), r"tint\[2\]"),
+        ("brightness", mi.Float([0.1, 0.2]), r"brightness: \[0.1.*, 0.2.*\] is not valid; expected a number"),
+        ("tint", mi.Color3f([0.1, 0.2], 1, 1), r"tint: \[0.1.*\] is not valid; expected a colour"),
+        ("lut", mi.TensorXf([0.5]), r"lut: has the shape \(1,\); expected that of the table, \(8, 1, "),
     ):
         with pytest.raises(Exception, match=message):
             set_parameter(load(tables["sparse"]), name, value)

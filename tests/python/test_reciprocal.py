@@ -77,6 +77,33 @@ def test_the_plugin_and_the_tool_agree(table):
     assert np.abs(found / rust - 1.0)[bright].max() < 1e-4
 
 
+@pytest.fixture(scope="module")
+def rough(tmp_path_factory):
+    """Facets of 25°: light is far from its mirror direction, so that much of a lobe is read at the larger angle."""
+    folder = tmp_path_factory.mktemp("rough")
+    recipe = folder / "rough.json"
+    recipe.write_text(json.dumps({
+        "schema": "pearl-recipe/1", "stack": {"layers": 300}, "facets": {"slope_sd_deg": 25},
+    }))  # fmt: skip
+    run("bake-brdf", recipe, "--solver", "doubling", "--accuracy", 1, "-q", "--reciprocal", "-o", folder / "rough.exr")
+    return folder / "rough.exr"
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral"])
+def test_colours_and_every_component_of_rough_facets_are_those_of_the_evaluator(variant, rough):
+    """What the lobes leave to the base takes their colours over all their light, read at the larger angle."""
+    test_plugin.use(variant)
+    wi, wo = test_plugin.random_pairs(4000, seed=8)
+    args = ["--body-rgb", "1,1,1", "--coherence", 1, "--depth", 0]
+    parameters = {"body_color": test_plugin.rgb([1.0] * 3), "coherence": 1.0, "depth": 0.0}
+    for shown in ("diffuse,incoherent,mirror,blur", "diffuse", "mirror", "blur"):
+        values, densities, _ = test_plugin.rust(rough, wi, wo, *map(str, args), "--components", shown)
+        found, pdf = test_plugin.plugin(test_plugin.load(rough, components=shown, **parameters), wi, wo)
+        for channel, expected in zip(found.T, test_plugin.expected_of(values).T):
+            test_plugin.assert_close(channel, expected, shown)
+        test_plugin.assert_close(pdf, densities, shown)
+
+
 def test_the_checks_judge_it_and_the_bake_repeats_it(table):
     said = json.loads(run("lut", "check", table, "--json").stdout)
     finding = next(check for check in said["checks"] if check["check"] == "reciprocity")

@@ -57,6 +57,16 @@ fn smooth_interfaces_are_solved_in_closed_form_as_they_are_walked() {
     }
 }
 
+/// Past the critical angle next to nothing gets through, and what the sums of the solver leave of it may be below 0.
+#[test]
+fn total_reflection_by_rough_facets_leaves_no_negative_share() {
+    let recipe = r#"{"stack":{"layers":40,"ambient":{"n":1.46},"aragonite":{"n":1.3,"thickness_nm":350},
+        "conchiolin":{"n":1.25,"thickness_nm":60},"substrate":{"n":1.3}},"facets":{"slope_sd_deg":4}}"#;
+    let (table, _) = bake(recipe, &["--solver", "doubling", "--accuracy", "2", "--incident-deg", "0:90:2"]);
+    let last = table.meta.per_incidence.last().unwrap();
+    assert!(last.albedo > 1.0 - 1e-6 && (0.0..1e-6).contains(&last.transmitted), "{last:?}");
+}
+
 /// Σ value·weight of every stored lobe is the share that the metadata give it, and energy from below closes.
 #[test]
 fn both_sides_are_stored_whole() {

@@ -160,7 +160,10 @@ fn wrong_requests_are_refused_in_one_line_and_leave_the_output_alone() {
     let out = folder.path().join("out.exr");
     fs::write(&out, "precious").unwrap();
     let to = out.to_str().unwrap();
-    let cases: [(&[&str], &[&str]); 4] = [
+    let whole = fs::read(&source).unwrap();
+    let cases: [(&[&str], &[&str]); 5] = [
+        // Written over, the table would be lost.
+        (&["fit", from, "-o", from], &["--output", "the table itself"]),
         (&["fit", from, "-o", to, "--form", "table", "--order", "3"], &["--order", "analytic"]),
         (&["fit", from, "-o", to, "--total-variation", "1"], &["--total-variation", "table"]),
         (&["fit", from, "-o", to, "--form", "table", "--total-variation", "-1"], &["-1", "0 to 100"]),
@@ -170,6 +173,7 @@ fn wrong_requests_are_refused_in_one_line_and_leave_the_output_alone() {
         refused(&lut(args), words);
     }
     assert_eq!(fs::read_to_string(&out).unwrap(), "precious");
+    assert!(fs::read(&source).unwrap() == whole);
 }
 
 #[test]

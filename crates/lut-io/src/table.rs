@@ -331,7 +331,8 @@ impl Meta {
 
 impl IncidenceSummary {
     fn validate(&self, azimuth: AzimuthMode) -> Result<(), Flaw> {
-        // Shares are sums of many roundings; beyond 1e-6 it is not rounding any more.
+        // Shares are sums of many roundings; beyond this it is not rounding any more.
+        const ROUNDING: f64 = 1e-6;
         let shares = [
             ("albedo", self.albedo),
             ("transmitted", self.transmitted),
@@ -341,8 +342,10 @@ impl IncidenceSummary {
             ("rehit", self.rehit),
         ];
         for (name, value) in shares {
-            check(name, value, (0.0..=1.0 + 1e-6).contains(&value), "a share from 0 to 1")?;
+            check(name, value, (0.0..=1.0 + ROUNDING).contains(&value), "a share from 0 to 1")?;
         }
+        check("surface", self.surface, self.surface <= self.albedo + ROUNDING, "at most albedo")?;
+        check("rehit", self.rehit, self.rehit <= self.surface + ROUNDING, "at most surface")?;
         let finite = [
             ("mean_theta_o_deg", self.mean_theta_o_deg),
             ("sd_theta_o_deg", self.sd_theta_o_deg),

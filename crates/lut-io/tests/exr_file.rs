@@ -160,6 +160,8 @@ fn a_table_that_no_reader_would_take_is_not_written() {
     refuse(&|t| t.meta.azimuth = AzimuthMode::Walk, "exit_axis.kind");
     refuse(&|t| t.meta.per_incidence[1].theta_i_deg = 0.0, "per_incidence[1].theta_i_deg");
     refuse(&|t| t.meta.per_incidence[1].albedo = 1.5, "per_incidence[1].albedo");
+    refuse(&|t| t.meta.per_incidence[1].surface = 0.999, "per_incidence[1].surface");
+    refuse(&|t| t.meta.per_incidence[1].rehit = 0.9, "per_incidence[1].rehit");
     refuse(&|t| t.meta.per_incidence[1].azimuth_width_deg = 0.0, "per_incidence[1].azimuth_width_deg");
     refuse(&|t| t.meta.per_incidence.clear(), "per_incidence");
     refuse(&|t| t.meta.schema = "pearl-lut/2".to_owned(), "schema");

@@ -2,7 +2,7 @@
 //! angles in narrow lobes need (a part in 1e12). What is read with them takes those of [`crate::single`].
 
 use crate::Direction;
-use std::f64::consts::{FRAC_PI_2, LN_2, LOG2_E, TAU};
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// 1/2π.
 pub(crate) const INVERSE_TAU: f64 = 1.0 / TAU;
@@ -119,56 +119,6 @@ fn arcsine_ratio(z: f64) -> f64 {
     (four(0) + four(4) * z4) + (four(8) + (C[12] + C[13] * z) * z4) * (z4 * z4)
 }
 
-/// ln x of a normal number, absolute error 1e-12.
-#[inline(always)]
-pub(crate) fn ln(x: f64) -> f64 {
-    // x = 2^e·m, m from √½ to √2, and ln m = 2 artanh((m − 1)/(m + 1)). The exponent, biased by 1024, becomes a number by
-    // being put into the lowest bits of 2^52.
-    const SQRT_HALF: u64 = 0x3FE6_A09E_667F_3BCD;
-    let shifted = x.to_bits().wrapping_sub(SQRT_HALF).wrapping_add(1024 << 52);
-    let exponent =
-        f64::from_bits((shifted >> 52) | 0x4330_0000_0000_0000) - (4_503_599_627_370_496.0 + 1024.0);
-    let m = f64::from_bits((shifted & 0x000F_FFFF_FFFF_FFFF).wrapping_add(SQRT_HALF));
-    let s = (m - 1.0) / (m + 1.0);
-    let z = s * s;
-    let z2 = z * z;
-    let low = (2.0 + z * (2.0 / 3.0)) + (2.0 / 5.0 + z * (2.0 / 7.0)) * z2;
-    let high = (2.0 / 9.0 + z * (2.0 / 11.0)) + (2.0 / 13.0) * z2;
-    exponent * LN_2 + s * (low + high * (z2 * z2))
-}
-
-/// eˣ of x ≤ 0, relative error 1e-12 and what rounding x leaves; 0 below −700.
-#[inline(always)]
-pub(crate) fn exp(x: f64) -> f64 {
-    const INVERSE: [f64; 11] = [
-        1.0,
-        1.0,
-        1.0 / 2.0,
-        1.0 / 6.0,
-        1.0 / 24.0,
-        1.0 / 120.0,
-        1.0 / 720.0,
-        1.0 / 5040.0,
-        1.0 / 40_320.0,
-        1.0 / 362_880.0,
-        1.0 / 3_628_800.0,
-    ];
-    // ln 2 in two parts, the first with zeros at its end.
-    const HIGH: f64 = 0.693_147_180_369_123_816_49;
-    const LOW: f64 = 1.908_214_929_270_587_700_02e-10;
-    let bounded = greatest(x, -701.0);
-    let rounded = bounded * LOG2_E + ROUNDER;
-    let twos = rounded - ROUNDER;
-    let r = (bounded - twos * HIGH) - twos * LOW;
-    let (r2, r4) = (r * r, r * r * r * r);
-    let c = INVERSE;
-    let pair = |k: usize| c[k] + c[k + 1] * r;
-    let low = pair(0) + pair(2) * r2 + (pair(4) + pair(6) * r2) * r4;
-    let power = low + (pair(8) + c[10] * r2) * (r4 * r4);
-    let scale = f64::from_bits(rounded.to_bits().wrapping_add(1023) << 52);
-    if x < -700.0 { 0.0 } else { power * scale }
-}
-
 /// a + t·(b − a), four at a time.
 #[inline(always)]
 pub(crate) fn between(a: &[f32; 4], b: &[f32; 4], t: f32) -> [f32; 4] {
@@ -199,12 +149,8 @@ mod tests {
             assert!((found - theta).abs() <= 4e-13 * theta, "{theta}: {found}");
             let small = 1e-9 * theta;
             assert!((angle(small.sin(), small.cos()) - small).abs() <= 4e-13 * small);
-            let x = 1.0 + 1e-6 * f64::from(i).powi(4);
-            assert!((ln(x) - x.ln()).abs() < 2e-12, "{x}: {}", ln(x));
             let d = 0.52 * (f64::from(i) / 2000.0 - 1.0);
             let sum = 0.9 + d;
-            let y = -0.02 * f64::from(i) * (1.0 + 1e-6 * f64::from(i));
-            assert!((exp(y) / y.exp() - 1.0).abs() < 1e-12, "{y}: {}", exp(y));
             let turns = 1e-3 * f64::from(i) - 2.0;
             let (cos, sin) = turned(turns);
             let (sine, cosine) = (TAU * turns).sin_cos();
@@ -212,6 +158,5 @@ mod tests {
             assert!((cos - cosine).abs() < 4e-15 && (sin - sine).abs() < 4e-15, "{turns}: {cos} {sin}");
             assert!((cotangent(0.9_f64.sin(), 0.9_f64.cos(), d) * sum.tan() - 1.0).abs() < 1e-8, "{d}");
         }
-        assert_eq!((ln(1.0), exp(0.0), exp(-701.5), exp(f64::NEG_INFINITY)), (0.0, 1.0, 0.0, 0.0));
     }
 }

@@ -1,7 +1,7 @@
 //! The decay postulate for evaluation and sampling, in y = |sin(φ/2)|, which keeps its digits for narrow lobes.
 
-use crate::angles::{INVERSE_TAU, greatest, ln, turned};
-use crate::single::{exp, exp_each};
+use crate::angles::{INVERSE_TAU, greatest, least, turned};
+use crate::single::{exp, exp_each, ln};
 
 /// D(φ) of [`lut_io::decay`] at concentration x, from y² = sin²(φ/2).
 #[inline(always)]
@@ -42,9 +42,9 @@ fn one_minus_exp(z: f32) -> f32 {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Forward {
     /// Share of the sech² part.
-    narrow: f32,
-    k: f32,
-    tanh_k: f32,
+    pub(crate) narrow: f32,
+    pub(crate) k: f32,
+    pub(crate) tanh_k: f32,
 }
 
 impl Forward {
@@ -68,19 +68,19 @@ impl Forward {
     }
 
     /// φ ∈ [−π, π], as (cos φ, sin φ).
+    #[inline(always)]
     pub(crate) fn sample(&self, u: f64) -> (f64, f64) {
         let [narrow, k, tanh_k] = [self.narrow, self.k, self.tanh_k].map(f64::from);
-        // The sign from one half of u, the branch from what is left.
+        // The sign from one half of u, the branch from what is left; both branches are worked out, one is taken.
         let (sign, u) = if u < 0.5 { (1.0, 2.0 * u) } else { (-1.0, 2.0 * u - 1.0) };
-        if u >= narrow {
-            let v = (u - narrow) / (1.0 - narrow).max(f64::MIN_POSITIVE);
-            let (cos, sin) = turned(0.5 * v.min(1.0));
-            return (cos, sign * sin);
-        }
-        let t = (u / narrow * tanh_k).min(1.0 - 1e-16);
-        let y = (0.5 * ln((1.0 + t) / (1.0 - t)) / k).clamp(0.0, 1.0);
+        let (wide_cos, wide_sin) = turned(0.5 * ((u - narrow) / greatest(1.0 - narrow, f64::MIN_POSITIVE)));
+        // In single precision 1 − t has lost its digits only where less than a part in 1e7 lies beyond.
+        let t = least((u / narrow * tanh_k) as f32, 1.0 - f32::EPSILON);
+        let y = least(f64::from(0.5 * ln((1.0 + t) / (1.0 - t))) / k, 1.0);
         // y = sin(φ/2).
-        (1.0 - 2.0 * y * y, sign * 2.0 * y * (1.0 - y * y).sqrt())
+        let (narrow_cos, narrow_sin) = (1.0 - 2.0 * y * y, 2.0 * y * (1.0 - y * y).sqrt());
+        let (cos, sin) = if u < narrow { (narrow_cos, narrow_sin) } else { (wide_cos, wide_sin) };
+        (cos, sign * sin)
     }
 }
 

@@ -3,13 +3,13 @@
 mod many;
 
 use crate::Direction;
-use crate::angles::{INVERSE_TAU, Polar, half_azimuth2, turned};
+use crate::angles::{Polar, half_azimuth2, least, turned};
 use crate::colour::{self, Angles, Channels, Colours, HalfAngles, Palette, TALLIES, Viewer};
 use crate::controls::{BsdfError, Components, Controls};
 use crate::curve::{self, NODES, Place, Quads};
 use crate::facets::{Facets, Half, Rules};
 use crate::quadrature::gauss_legendre;
-use crate::tabulated::{Incidence, Light, Tabulated};
+use crate::tabulated::{Exit, Incidence, Light, Tabulated};
 use lut_io::axis::Stretched;
 use lut_io::dispersion::Dispersion;
 use lut_io::lobe::Interpolant;
@@ -293,36 +293,21 @@ impl PearlBsdf {
             return None;
         }
         let at_i = Place::of_cos(wi[2]);
-        let (part, select) = choose(&self.chances(at_i), u1)?;
+        let (part, select) = choose(&self.chances(at_i), u1);
         let [polar] = Polar::of([wi]);
         let incidence = self.tabulated.incidence(&polar);
-        let wo = self.draw(wi, &polar, &incidence, (part, select), u2, u3)?;
+        let wo = match part {
+            SURFACE => self.facets.sample(wi, &polar, u2, u3),
+            BASE => direction(polar.azimuth, &cosine_hemisphere(u2, u3)),
+            _ => direction(polar.azimuth, &self.tabulated.sample(part, &incidence, select, u2, u3)),
+        };
+        if !above_horizon(wo) {
+            return None;
+        }
         let ([polar_o], at_o) = (Polar::of([wo]), Place::of_cos(wo[2]));
         let geometry = self.geometry_at(wi, wo, (polar, at_i), (polar_o, at_o), incidence);
         let (value, pdf) = self.value_and_density(&geometry, wi, wo);
         (pdf > 0.0 && pdf.is_finite()).then_some(Sample { wo, pdf, value })
-    }
-
-    /// An exit direction of one technique, `select` what is left of the number that chose it.
-    #[inline]
-    fn draw(
-        &self,
-        wi: Direction,
-        polar: &Polar,
-        incidence: &Incidence,
-        (part, select): (usize, f64),
-        u2: f64,
-        u3: f64,
-    ) -> Option<Direction> {
-        let wo = match part {
-            SURFACE => self.facets.sample(wi, polar, u2, u3)?,
-            BASE => cosine_hemisphere(u2, u3),
-            _ => {
-                let (theta_o, around) = self.tabulated.sample(part, incidence, select, u2, u3)?;
-                direction(polar.azimuth, theta_o, around)
-            }
-        };
-        above_horizon(wo).then_some(wo)
     }
 
     /// Directional albedo at θi (radians, below π/2) of each component, shown or not, linear sRGB, in the order of
@@ -443,7 +428,7 @@ impl PearlBsdf {
     #[inline(always)]
     fn density(&self, geometry: &Geometry) -> f64 {
         let Geometry { at_i, polar_i, polar_o, half, facing, light, .. } = geometry;
-        let facets = || self.facets.pdf(polar_i, half, *facing);
+        let facets = self.facets.pdf(polar_i, half, *facing);
         density_of(&self.chances(*at_i), polar_o.cos, light.densities, facets)
     }
 
@@ -515,48 +500,42 @@ fn above_horizon([x, y, z]: Direction) -> bool {
     z > 0.0 && (0.81..1.21).contains(&(x * x + y * y + z * z))
 }
 
-/// The direction at θo and at azimuth φ (cos, sin) from the mirror direction of wi, whose own azimuth is given.
-fn direction((along, across): (f64, f64), theta_o: f64, (cos_phi, sin_phi): (f64, f64)) -> Direction {
-    let (cos_o, sin_o) = turned(theta_o * INVERSE_TAU);
-    [sin_o * (-cos_phi * along - sin_phi * across), sin_o * (-cos_phi * across + sin_phi * along), cos_o]
-}
-
-fn cosine_hemisphere(u: f64, v: f64) -> Direction {
-    let (cos_phi, sin_phi) = turned(v);
-    let sin = u.sqrt();
-    [sin * cos_phi, sin * sin_phi, (1.0 - u).max(0.0).sqrt()]
-}
-
-/// Density of all techniques together; that of the facets is asked for where it counts.
+/// The direction of an exit; its φ counts from the mirror direction of wi, whose own azimuth is given.
 #[inline(always)]
-fn density_of(chances: &[f64; 4], cos_o: f64, lobes: [f64; 2], facets: impl FnOnce() -> f64) -> f64 {
-    let mut pdf = chances[BASE] * cos_o * FRAC_1_PI;
-    if chances[INTERIOR] + chances[REHIT] > 0.0 {
-        pdf += chances[INTERIOR] * lobes[INTERIOR] + chances[REHIT] * lobes[REHIT];
-    }
-    if chances[SURFACE] > 0.0 {
-        pdf += chances[SURFACE] * facets();
-    }
-    pdf
+fn direction((along, across): (f64, f64), exit: &Exit) -> Direction {
+    let Exit { cos, sin, azimuth: (cos_phi, sin_phi) } = *exit;
+    [sin * (-cos_phi * along - sin_phi * across), sin * (-cos_phi * across + sin_phi * along), cos]
 }
 
-/// The part that u falls on, and what is left of the random number.
-#[inline]
-fn choose(chances: &[f64; 4], u: f64) -> Option<(usize, f64)> {
-    let mut rest = u * chances.iter().sum::<f64>();
-    let mut last = None;
-    for (part, chance) in chances.iter().enumerate() {
-        if *chance <= 0.0 {
-            continue;
-        }
-        if rest < *chance {
-            return Some((part, rest / chance));
-        }
-        rest -= chance;
-        last = Some((part, 1.0 - f64::EPSILON));
-    }
-    // u so near to 1 that rounding passed the last part.
-    last
+#[inline(always)]
+fn cosine_hemisphere(u: f64, v: f64) -> Exit {
+    Exit { cos: (1.0 - u).sqrt(), sin: u.sqrt(), azimuth: turned(v) }
+}
+
+/// Density of all techniques together.
+#[inline(always)]
+fn density_of(chances: &[f64; 4], cos_o: f64, lobes: [f64; 2], facets: f64) -> f64 {
+    chances[BASE] * cos_o * FRAC_1_PI
+        + (chances[INTERIOR] * lobes[INTERIOR] + chances[REHIT] * lobes[REHIT])
+        + chances[SURFACE] * facets
+}
+
+/// The part that u falls on, and what is left of the random number; of no chances at all, [`BASE`].
+#[inline(always)]
+fn choose(chances: &[f64; 4], u: f64) -> (usize, f64) {
+    // Sums and no branches, which random numbers would mispredict. A part of no chance begins where the next one does.
+    let from_rehit = chances[0];
+    let from_surface = from_rehit + chances[1];
+    let from_base = from_surface + chances[2];
+    let at = u * (from_base + chances[3]);
+    let (part, from, chance) = (INTERIOR, 0.0, chances[0]);
+    let (part, from, chance) =
+        if at >= from_rehit { (REHIT, from_rehit, chances[1]) } else { (part, from, chance) };
+    let (part, from, chance) =
+        if at >= from_surface { (SURFACE, from_surface, chances[2]) } else { (part, from, chance) };
+    let (part, from, chance) =
+        if at >= from_base { (BASE, from_base, chances[3]) } else { (part, from, chance) };
+    (part, least((at - from) / chance, 1.0 - f64::EPSILON))
 }
 
 /// Where the light of the lobes has its half-vector angles, at an incidence of whole degrees.

@@ -41,9 +41,13 @@ impl Components {
     /// Names in the order of [`crate::Evaluation::parts`].
     pub const NAMES: [&'static str; 4] = ["diffuse", "incoherent", "mirror", "blur"];
 
-    /// From a list of names; `None` for an unknown one.
+    /// From a list of names, or of `all` alone; `None` for an unknown one.
     #[must_use]
     pub fn from_names<'n>(names: impl IntoIterator<Item = &'n str>) -> Option<Self> {
+        let mut names = names.into_iter().map(str::trim).peekable();
+        if names.peek() == Some(&"all") {
+            return (names.count() == 1).then_some(Self::ALL);
+        }
         let mut shown = Self::NONE;
         for name in names {
             match name {

@@ -5,6 +5,8 @@
 //! every such facet also faces wi. Per solid angle of m the slope density is
 //! P(m) = exp(−(p² + q²)/2σ²)/(2πσ² m_z³), and dωm = dωo/(4 wi·m).
 
+pub(crate) mod many;
+
 use crate::Direction;
 use crate::angles::{Polar, greatest, least};
 use crate::normal::{of_upper_tail, upper_tail};
@@ -26,6 +28,7 @@ const FAR: f64 = 8.0;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Facets {
     sigma: f64,
+    inverse_sigma: f64,
     /// −1/(2σ²), and 1/(2πσ²).
     exponent: f64,
     peak: f64,
@@ -79,6 +82,12 @@ impl Half {
         (this, length2)
     }
 
+    /// The slope q of its facet across a plane of incidence of this azimuth.
+    #[inline(always)]
+    pub(crate) fn slope_across(&self, (along, across): (f64, f64)) -> f64 {
+        (self.h[1] * along - self.h[0] * across) * self.inverse_z
+    }
+
     /// Of two directions within 1e-150 of opposite horizons, whose sum has a square of 0.
     #[cold]
     fn of_opposites(h: Direction) -> Self {
@@ -96,11 +105,21 @@ struct Limits {
     hi: f64,
 }
 
+/// Ends of a range of slopes in σ, mirrored so that the near one is the more likely: near < far.
+#[derive(Clone, Copy, Debug)]
+struct Ends {
+    near: f64,
+    far: f64,
+    /// The slope of 1; negative if the range is mirrored.
+    unit: f64,
+}
+
 impl Facets {
     pub(crate) fn new(model: &SurfaceModel) -> Self {
         let sigma = model.slope_sd.max(MIN_SLOPE_SD);
         Self {
             sigma,
+            inverse_sigma: 1.0 / sigma,
             exponent: -0.5 / (sigma * sigma),
             peak: 1.0 / (TAU * sigma * sigma),
             index_ratio: (model.n_first / model.n_ambient) as f32,
@@ -163,49 +182,18 @@ impl Facets {
     /// Density per steradian with which [`Self::sample`] finds the direction; `facing` is [`Self::facing`].
     #[inline(always)]
     pub(crate) fn pdf(&self, at: &Polar, half: &Half, facing: f64) -> f64 {
-        let q = across(at, half);
-        let kept = self.kept_across(at.cos) * self.kept_along(at.cos, at.sin, q * q);
-        if facing > 0.0 && kept > 0.0 { facing / kept } else { 0.0 }
+        let q = half.slope_across(at.azimuth);
+        let limits = limits(at.cos, at.sin, q * q);
+        facet_between(facing, self.kept(-1.0 / at.cos, 1.0 / at.cos) * self.kept(limits.lo, limits.hi))
     }
 
-    /// The same where [`Self::keeps_all_across`].
-    #[inline(always)]
-    pub(crate) fn pdf_of_narrow(&self, at: &Polar, half: &Half, facing: f64) -> f64 {
-        let q = across(at, half);
-        let kept = self.kept_along(at.cos, at.sin, q * q);
-        if (facing > 0.0) & (kept > 0.0) { facing / kept } else { 0.0 }
-    }
-
-    /// Probability that q of a facet lies within the disc.
-    #[inline(always)]
-    fn kept_across(&self, cos_i: f64) -> f64 {
-        if self.keeps_all_across(cos_i) { 1.0 } else { self.kept(-1.0 / cos_i, 1.0 / cos_i) }
-    }
-
-    /// Whether no facet is too steep across the plane of incidence.
-    #[inline(always)]
-    pub(crate) fn keeps_all_across(&self, cos_i: f64) -> bool {
-        FAR * self.sigma * cos_i <= 1.0
-    }
-
-    /// Probability that p of a facet lies within the disc, at one q.
-    #[inline(always)]
-    fn kept_along(&self, cos_i: f64, sin_i: f64, q2: f64) -> f64 {
-        let limits = limits(cos_i, sin_i, q2);
-        self.kept(limits.lo, limits.hi)
-    }
-
-    /// A direction above the horizon: slopes from the normal distribution cut to the disc of the module's head.
-    pub(crate) fn sample(&self, wi: Direction, at: &Polar, u: f64, v: f64) -> Option<Direction> {
-        let Polar { cos: cos_i, sin: sin_i, azimuth: (along, across), .. } = *at;
-        let q = self.truncated_normal(-1.0 / cos_i, 1.0 / cos_i, u)?;
-        let limits = limits(cos_i, sin_i, q * q);
-        let p = self.truncated_normal(limits.lo, limits.hi, v)?;
-        let z = 1.0 / (1.0 + p * p + q * q).sqrt();
-        let m = [z * (q * across - p * along), -z * (p * across + q * along), z];
-        let twice = 2.0 * (wi[0] * m[0] + wi[1] * m[1] + wi[2] * m[2]);
-        let wo: Direction = std::array::from_fn(|i| twice * m[i] - wi[i]);
-        (wo[2] > 0.0).then_some(wo)
+    /// A direction above the horizon: slopes from the normal distribution cut to the disc of the module's head. Where no facet
+    /// sends light there, what is found is no direction.
+    #[inline]
+    pub(crate) fn sample(&self, wi: Direction, at: &Polar, u: f64, v: f64) -> Direction {
+        let q = self.slope_between(-1.0 / at.cos, 1.0 / at.cos, u);
+        let limits = limits(at.cos, at.sin, q * q);
+        reflected(wi, at.azimuth, (self.slope_between(limits.lo, limits.hi, v), q))
     }
 
     #[inline]
@@ -217,30 +205,27 @@ impl Facets {
     /// Probability that a slope lies between the limits.
     #[inline(always)]
     fn kept(&self, lo: f64, hi: f64) -> f64 {
-        let far = FAR * self.sigma;
-        if lo <= -far && hi >= far {
-            return 1.0;
-        }
-        // The smaller tails are subtracted, so that nothing cancels on either side.
-        let (a, b) = (lo / self.sigma, hi / self.sigma);
-        let (near, far) = if a > 0.0 { (a, b) } else { (-b, -a) };
-        let near_tail = upper_tail(near as f32);
-        let kept = if nothing_beyond(near, far) { near_tail } else { near_tail - upper_tail(far as f32) };
-        f64::from(kept)
+        let ends = self.ends(lo, hi);
+        ends.tail_of_near() - ends.tail_of_far()
     }
 
-    fn truncated_normal(&self, lo: f64, hi: f64, u: f64) -> Option<f64> {
-        let (a, b) = (lo / self.sigma, hi / self.sigma);
+    /// A slope between the limits by a uniform number; NaN where none lies there.
+    #[inline(always)]
+    fn slope_between(&self, lo: f64, hi: f64, u: f64) -> f64 {
+        let ends = self.ends(lo, hi);
+        ends.slope(Ends::tail_at([ends.tail_of_near(), ends.tail_of_far()], u))
+    }
+
+    /// Limits of a slope in units of σ.
+    #[inline(always)]
+    fn ends(&self, lo: f64, hi: f64) -> Ends {
+        let (a, b) = (lo * self.inverse_sigma, hi * self.inverse_sigma);
         // In the variable that falls towards the tail: the far side of both limits keeps its digits.
-        let (a, b, sign) = if a > 0.0 { (a, b, 1.0) } else { (-b, -a, -1.0) };
-        let near = if a <= -FAR { 1.0 } else { f64::from(upper_tail(a as f32)) };
-        let far = if nothing_beyond(a, b) { 0.0 } else { f64::from(upper_tail(b as f32)) };
-        if near - far <= 0.0 {
-            return None;
+        if a > 0.0 {
+            Ends { near: a, far: b, unit: self.sigma }
+        } else {
+            Ends { near: -b, far: -a, unit: -self.sigma }
         }
-        let tail = near + u * (far - near);
-        let x = of_upper_tail(tail.clamp(f64::MIN_POSITIVE, 1.0 - 1e-16));
-        Some(sign * x.clamp(a, b) * self.sigma)
     }
 
     /// Unpolarised Fresnel reflectance at the cosine of the local angle of incidence.
@@ -260,17 +245,53 @@ impl Facets {
     }
 }
 
-/// Whether the normal distribution has nothing worth counting beyond the farther of two limits, in σ.
-#[inline(always)]
-fn nothing_beyond(near: f64, far: f64) -> bool {
-    (far >= FAR) & (near <= FAR)
+impl Ends {
+    /// Probability of more than the near end.
+    #[inline(always)]
+    fn tail_of_near(&self) -> f64 {
+        if self.near <= -FAR { 1.0 } else { f64::from(upper_tail(self.near as f32)) }
+    }
+
+    /// Probability of more than the far end.
+    #[inline(always)]
+    fn tail_of_far(&self) -> f64 {
+        if self.nothing_beyond() { 0.0 } else { f64::from(upper_tail(self.far as f32)) }
+    }
+
+    /// Whether there is nothing worth counting beyond the far end.
+    #[inline(always)]
+    fn nothing_beyond(&self) -> bool {
+        (self.far >= FAR) & (self.near <= FAR)
+    }
+
+    /// The tail at the share u of what lies between two ends of these tails; NaN if nothing does.
+    #[inline(always)]
+    fn tail_at([near, far]: [f64; 2], u: f64) -> f64 {
+        if near > far { near + u * (far - near) } else { f64::NAN }
+    }
+
+    /// The slope beyond which there is this tail; NaN of NaN.
+    #[inline(always)]
+    fn slope(&self, tail: f64) -> f64 {
+        let x = f64::from(of_upper_tail(least(greatest(tail, f64::MIN_POSITIVE), 1.0 - 1e-16)));
+        let slope = least(greatest(x, self.near), self.far) * self.unit;
+        if tail.is_nan() { tail } else { slope }
+    }
 }
 
-/// The slope q across the plane of incidence of the facet that reflects one direction to the other.
+/// Density of a facet among those that are kept.
 #[inline(always)]
-fn across(at: &Polar, half: &Half) -> f64 {
-    let (along, across) = at.azimuth;
-    (half.h[1] * along - half.h[0] * across) * half.inverse_z
+fn facet_between(facing: f64, kept: f64) -> f64 {
+    if (facing > 0.0) & (kept > 0.0) { facing / kept } else { 0.0 }
+}
+
+/// What a facet of the slopes (p, q) reflects wi to, by the cos and sin of the azimuth of wi.
+#[inline(always)]
+fn reflected(wi: Direction, (along, across): (f64, f64), (p, q): (f64, f64)) -> Direction {
+    let z = 1.0 / (1.0 + p * p + q * q).sqrt();
+    let m = [z * (q * across - p * along), -z * (p * across + q * along), z];
+    let twice = 2.0 * (wi[0] * m[0] + wi[1] * m[1] + wi[2] * m[2]);
+    [twice * m[0] - wi[0], twice * m[1] - wi[1], twice * m[2] - wi[2]]
 }
 
 /// Where along p the disc of upward reflection lies, at one q.

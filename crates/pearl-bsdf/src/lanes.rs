@@ -103,14 +103,4 @@ impl Directions {
     pub(crate) fn direction(&self, lane: usize) -> Direction {
         self.w.each_ref().map(|w| w[lane])
     }
-
-    #[inline(always)]
-    pub(crate) fn polar(&self, lane: usize) -> Polar {
-        Polar {
-            theta: self.theta[lane],
-            sin: self.sin[lane],
-            cos: self.w[2][lane],
-            azimuth: (self.azimuth[0][lane], self.azimuth[1][lane]),
-        }
-    }
 }

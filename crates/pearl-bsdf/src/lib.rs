@@ -32,6 +32,9 @@ mod normal;
 mod quadrature;
 pub mod round_trip;
 mod single;
+#[cfg(test)]
+#[path = "../../lut-io/tests/specimen/mod.rs"]
+mod specimen;
 mod tabulated;
 mod warp;
 

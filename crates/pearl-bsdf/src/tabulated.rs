@@ -47,8 +47,10 @@ impl Cap {
     }
 
     /// θo of a point of the cap, by the share of its area nearer to the normal.
+    #[inline(always)]
     fn theta(&self, area: f64) -> f64 {
-        2.0 * (self.half_chord2 * area).sqrt().asin()
+        let sin2 = self.half_chord2 * area;
+        2.0 * angles::angle(sin2.sqrt(), (1.0 - sin2).sqrt())
     }
 }
 
@@ -103,6 +105,9 @@ struct Span {
 /// falls into the cap around the normal.
 type Along = [f32; 4];
 
+/// Area of what is outside the cap.
+const OUTSIDE: f64 = -1.0;
+
 /// Where these shares begin in [`Along`].
 const CAP: usize = 2;
 
@@ -116,8 +121,6 @@ const SPAN_STEPS: usize = 64;
 /// Piecewise-linear densities of one component, every incidence.
 #[derive(Clone, Debug)]
 struct Sampling {
-    /// Which component.
-    component: usize,
     /// Integral of u up to each cell centre of a row.
     cdf: Vec<f64>,
     /// Where to begin looking in `cdf` of a row ([`guide`]), and in `row_cdf` of an incidence.
@@ -145,6 +148,24 @@ pub(crate) struct Incidence {
     columns: Warp,
     /// Decay tables: sin θi / w². Walk tables: the width of the φ cells.
     azimuth: f32,
+}
+
+/// Where the integral of a piecewise-linear density reaches its target: behind a position, with the densities there and at the
+/// next one, and what is left of the target.
+#[derive(Clone, Copy, Debug)]
+struct Found {
+    base: f64,
+    density: [f64; 2],
+    rest: f64,
+}
+
+/// An exit direction.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Exit {
+    pub(crate) cos: f64,
+    pub(crate) sin: f64,
+    /// cos and sin of φ.
+    pub(crate) azimuth: (f64, f64),
 }
 
 /// Both tabulated components at a pair of directions.
@@ -275,8 +296,7 @@ impl Tabulated {
     /// The φ axis of walk tables whose φ cells have this width.
     #[inline(always)]
     fn around(&self, width: f32) -> Warp {
-        let width = f64::from(width);
-        Warp::one_sided(0.0, PI, width, 1.0 / width, self.rows)
+        Warp::one_sided(0.0, PI, f64::from(width), f64::from(1.0 / width), self.rows)
     }
 
     #[inline(always)]
@@ -403,9 +423,9 @@ impl Tabulated {
     /// The [`Values`] at a row.
     #[inline(always)]
     fn read(&self, between: Between, row: usize, cell: Cell) -> Values {
-        let along = cell.fraction;
-        let near = self.read_node(between.node, row, cell.index, along);
-        let far = self.read_node(between.next, row, cell.index, along);
+        let (within, cells) = (row * self.columns + cell.index, self.rows * self.columns);
+        let near = self.read_cells(between.node * cells + within, cell.fraction);
+        let far = self.read_cells(between.next * cells + within, cell.fraction);
         angles::between(&near, &far, between.fraction)
     }
 
@@ -417,10 +437,10 @@ impl Tabulated {
         angles::between(&near, &far, row.fraction)
     }
 
+    /// The [`Values`] between a cell and the next one.
     #[inline(always)]
-    fn read_node(&self, node: usize, row: usize, column: usize, along: f32) -> Values {
-        let k = (node * self.rows + row) * self.columns + column;
-        let [a, b] = &self.cells[k..k + 2] else { return [0.0; 4] };
+    fn read_cells(&self, cell: usize, along: f32) -> Values {
+        let [a, b] = &self.cells[cell..cell + 2] else { return [0.0; 4] };
         angles::between(a, b, along)
     }
 
@@ -431,67 +451,113 @@ impl Tabulated {
         [0, 1].map(|c| a[c] + fraction * (b[c] - a[c]))
     }
 
-    /// An exit direction (θo, and cos φ, sin φ) of one component from three uniform numbers.
-    pub(crate) fn sample(
-        &self,
-        component: usize,
-        at: &Incidence,
-        select: f64,
-        u: f64,
-        v: f64,
-    ) -> Option<(f64, (f64, f64))> {
-        let around = |u: f64| turned(u - 0.5);
-        let sampling = &self.sampling[component];
-        let Between { node, next, fraction } = at.between;
-        let fraction = f64::from(fraction);
-        let (near, far) =
-            ((1.0 - fraction) * self.totals[node][component], fraction * self.totals[next][component]);
-        if near + far <= 0.0 {
-            return None;
+    /// An exit direction of one component from three uniform numbers; no direction of one without light.
+    #[inline]
+    pub(crate) fn sample(&self, component: usize, at: &Incidence, select: f64, u: f64, v: f64) -> Exit {
+        let (node, left) = self.choose_node(component, at.between, select);
+        if self.signed() {
+            let s = at.columns.at(self.find(component, node, u).position());
+            // Neither what chose the node nor v has said anything yet: they place what falls into the cap.
+            let (cos, sin) = turned(self.theta_of_plane(s, left) * INVERSE_TAU);
+            let around = Forward::new(self.concentration_at(at.azimuth, s, sin));
+            return Exit { cos, sin, azimuth: around.sample(v) };
         }
-        let (node, select) = split(select, near / (near + far), node, next);
-        match self.signed() {
-            true => {
-                let position = self.invert_row(sampling, node, 0, u);
-                let s = at.columns.at(position).clamp(-FRAC_PI_2, FRAC_PI_2);
-                if s.abs() < self.cap.radius {
-                    // Neither the number that chose the row nor v has said anything yet.
-                    return Some((self.cap.theta(select), around(v)));
-                }
-                let phi =
-                    if s >= 0.0 { Forward::new(at.azimuth * s.sin() as f32).sample(v) } else { around(v) };
-                Some((s.abs(), phi))
-            }
-            false => {
-                let (sign, v) = if v < 0.5 { (1.0, 2.0 * v) } else { (-1.0, 2.0 * v - 1.0) };
-                let rows = node * self.rows..(node + 1) * self.rows;
-                let totals = &sampling.row_total[rows.clone()];
-                let guide = &sampling.row_guide[rows.clone()];
-                let position = invert(|k| totals[k], &sampling.row_cdf[rows], guide, v);
-                let row = Cell::new(position as f32, self.rows);
-                let fraction = f64::from(row.fraction);
-                let (near, far) = ((1.0 - fraction) * totals[row.index], fraction * totals[row.index + 1]);
-                let (row, select) = split(select, near / (near + far), row.index, row.index + 1);
-                let theta_o = at.columns.at(self.invert_row(sampling, node, row, u)).clamp(0.0, FRAC_PI_2);
-                if theta_o < self.cap.radius {
-                    let range = self.range(node, row);
-                    let density = |k: usize| f64::from(self.cells[range.start + k][DENSITIES + component]);
-                    let cdf = &sampling.cdf[range.clone()];
-                    let edge = f64::from(at.columns.position(self.cap.radius).0);
-                    let within = cumulated(density, cdf, edge) / total(density, cdf);
-                    return Some((self.cap.theta((u / within).min(1.0)), around(select)));
-                }
-                let (cos, sin) = turned(self.around(at.azimuth).at(position).min(PI) * INVERSE_TAU);
-                Some((theta_o, (cos, sign * sin)))
-            }
-        }
+        let (side, v) = side_of(v);
+        let around = self.find_row(component, node, v).position();
+        let (row, left) = self.choose_row(component, node, around, left);
+        let column = self.find(component, row, u).position();
+        let cap_edge = self.cap_edge(&at.columns);
+        let area = if column < cap_edge { self.cap_area(component, row, cap_edge, u) } else { OUTSIDE };
+        let (cos, sin) = turned(self.theta_of_space(at.columns.at(column), area) * INVERSE_TAU);
+        Exit { cos, sin, azimuth: turned(self.turn_of_space(at.azimuth, side * around, left, area)) }
     }
 
-    fn invert_row(&self, sampling: &Sampling, node: usize, row: usize, u: f64) -> f64 {
-        let range = self.range(node, row);
+    /// One of two incidences by a uniform number, and what is left of it; NaN where the component has no light.
+    #[inline(always)]
+    fn choose_node(&self, component: usize, between: Between, select: f64) -> (usize, f64) {
+        let Between { node, next, fraction } = between;
+        let fraction = f64::from(fraction);
+        let near = (1.0 - fraction) * self.totals[node][component];
+        let far = fraction * self.totals[next][component];
+        split(select, near / (near + far), node, next)
+    }
+
+    /// Where a uniform number falls among the φ rows of an incidence of a walk table.
+    #[inline(always)]
+    fn find_row(&self, component: usize, node: usize, v: f64) -> Found {
+        let sampling = &self.sampling[component];
+        let rows = node * self.rows..(node + 1) * self.rows;
+        let (cdf, guide) = (&sampling.row_cdf[rows.clone()], &sampling.row_guide[rows.clone()]);
+        let totals = &sampling.row_total[rows];
+        find(|k| totals[k], cdf, guide, self.totals[node][component], v)
+    }
+
+    /// One of the two rows around a position (the number among those of all incidences) by a uniform number, and what is left of it.
+    #[inline(always)]
+    fn choose_row(&self, component: usize, node: usize, position: f64, select: f64) -> (usize, f64) {
+        let cell = Cell::new(position as f32, self.rows);
+        let (first, fraction) = (node * self.rows + cell.index, f64::from(cell.fraction));
+        let totals = &self.sampling[component].row_total;
+        let (near, far) = ((1.0 - fraction) * totals[first], fraction * totals[first + 1]);
+        split(select, near / (near + far), first, first + 1)
+    }
+
+    /// Where a uniform number falls in a row.
+    #[inline(always)]
+    fn find(&self, component: usize, row: usize, u: f64) -> Found {
+        let sampling = &self.sampling[component];
+        let range = row * self.columns..(row + 1) * self.columns;
         let cells = &self.cells[range.clone()];
-        let density = |k: usize| f64::from(cells[k][DENSITIES + sampling.component]);
-        invert(density, &sampling.cdf[range.clone()], &sampling.guide[range], u)
+        let density = |k: usize| f64::from(cells[k][DENSITIES + component]);
+        find(density, &sampling.cdf[range.clone()], &sampling.guide[range], sampling.row_total[row], u)
+    }
+
+    /// Column at the edge of the cap in walk tables.
+    #[inline(always)]
+    fn cap_edge(&self, columns: &Warp) -> f64 {
+        f64::from(columns.position(self.cap.radius).0)
+    }
+
+    /// Share of the cap's area up to a number that falls into it, in a row of a walk table.
+    #[inline]
+    fn cap_area(&self, component: usize, row: usize, cap_edge: f64, u: f64) -> f64 {
+        let sampling = &self.sampling[component];
+        let range = row * self.columns..(row + 1) * self.columns;
+        let cells = &self.cells[range.clone()];
+        let density = |k: usize| f64::from(cells[k][DENSITIES + component]);
+        least(u * sampling.row_total[row] / cumulated(density, &sampling.cdf[range], cap_edge), 1.0)
+    }
+
+    /// θo at a signed exit angle of decay tables; NaN where nothing is left.
+    #[inline(always)]
+    fn theta_of_plane(&self, s: f64, left: f64) -> f64 {
+        let theta = if self.is_capped(s) { self.cap.theta(left) } else { least(s.abs(), FRAC_PI_2) };
+        if left.is_nan() { left } else { theta }
+    }
+
+    /// Concentration of the sampled azimuths there: 0, at which all are equal, in the cap and behind.
+    #[inline(always)]
+    fn concentration_at(&self, azimuth: f32, s: f64, sin_o: f64) -> f32 {
+        if self.is_capped(s) | (s < 0.0) { 0.0 } else { azimuth * sin_o as f32 }
+    }
+
+    #[inline(always)]
+    fn is_capped(&self, s: f64) -> bool {
+        s.abs() < self.cap.radius
+    }
+
+    /// θo at a column's angle of walk tables.
+    #[inline(always)]
+    fn theta_of_space(&self, theta: f64, area: f64) -> f64 {
+        if area >= 0.0 { self.cap.theta(area) } else { least(greatest(theta, 0.0), FRAC_PI_2) }
+    }
+
+    /// φ in turns, of walk tables; NaN where nothing is left.
+    #[inline(always)]
+    fn turn_of_space(&self, azimuth: f32, around: f64, left: f64, area: f64) -> f64 {
+        let phi = least(self.around(azimuth).at(around.abs()), PI).copysign(around);
+        let turn = if area >= 0.0 { left - 0.5 } else { phi * INVERSE_TAU };
+        if left.is_nan() { left } else { turn }
     }
 }
 
@@ -544,45 +610,51 @@ fn along_step(fraction: f32) -> (usize, f32) {
     step_of(fraction * SPAN_STEPS as f32, (SPAN_STEPS - 1) as f32)
 }
 
-/// Chooses between two with the probability of the first, and what is left of the random number.
-#[inline]
-fn split(u: f64, first: f64, a: usize, b: usize) -> (usize, f64) {
-    if u < first { (a, u / first) } else { (b, (u - first) / (1.0 - first).max(f64::MIN_POSITIVE)) }
+/// A side of the plane of incidence by one half of a uniform number, and what is left of it.
+#[inline(always)]
+fn side_of(v: f64) -> (f64, f64) {
+    if v < 0.5 { (1.0, 2.0 * v) } else { (-1.0, 2.0 * v - 1.0) }
 }
 
-/// Position where the integral of a piecewise-linear density reaches the share u of its total.
+/// Chooses between two with the probability of the first, and what is left of the random number.
+#[inline(always)]
+fn split(u: f64, first: f64, a: usize, b: usize) -> (usize, f64) {
+    // Without a branch, which random numbers would mispredict.
+    let is_first = u < first;
+    let (from, length) = if is_first { (0.0, first) } else { (first, 1.0 - first) };
+    (if is_first { a } else { b }, (u - from) / greatest(length, f64::MIN_POSITIVE))
+}
+
+/// Where the integral of a piecewise-linear density reaches a share of its total.
 ///
 /// The density is u\[k\] at position k + ½, linear between, constant in the outer half cells; `cdf\[k\]` is its
 /// integral up to position k + ½; `guide` says where to begin looking in it ([`guide`]).
-#[inline]
-fn invert(density: impl Fn(usize) -> f64, cdf: &[f64], guide: &[u16], share: f64) -> f64 {
+#[inline(always)]
+fn find(density: impl Fn(usize) -> f64, cdf: &[f64], guide: &[u16], total: f64, share: f64) -> Found {
     let last = cdf.len() - 1;
-    let target = share * total(&density, cdf);
+    let target = share * total;
     // `partition_point`, from where the guide says.
     let step = (share * guide.len() as f64) as usize;
     let mut above = usize::from(guide[step.min(last)]);
+    // One step without a branch, which random numbers would mispredict; more are fewer.
+    above += usize::from(above <= last && cdf[above] <= target);
     while above <= last && cdf[above] <= target {
         above += 1;
     }
-    if above == 0 {
-        return 0.5 * target / cdf[0];
-    }
-    if above > last {
-        let rest = if density(last) > 0.0 { (target - cdf[last]) / density(last) } else { 0.0 };
-        return last as f64 + 0.5 + rest.clamp(0.0, 0.5);
-    }
-    let k = above - 1;
-    let (a, b, rest) = (density(k), density(k + 1), target - cdf[k]);
-    // a·t + (b − a)·t²/2 = rest, in the form that does not cancel.
-    let root = (a * a + 2.0 * (b - a) * rest).max(0.0).sqrt();
-    let t = if a + root > 0.0 { (2.0 * rest / (a + root)).min(1.0) } else { 0.0 };
-    k as f64 + 0.5 + t
+    let below = above.saturating_sub(1);
+    let (base, reached) = if above == 0 { (0.0, 0.0) } else { (above as f64 - 0.5, cdf[below]) };
+    Found { base, density: [density(below), density(above.min(last))], rest: target - reached }
 }
 
-/// Integral of such a density over all positions.
-#[inline]
-fn total(density: impl Fn(usize) -> f64, cdf: &[f64]) -> f64 {
-    cdf[cdf.len() - 1] + 0.5 * density(cdf.len() - 1)
+impl Found {
+    /// The position.
+    #[inline(always)]
+    fn position(&self) -> f64 {
+        let Self { base, density: [a, b], rest } = *self;
+        // a·t + (b − a)·t²/2 = rest, in the form that does not cancel.
+        let root = greatest(a * a + 2.0 * (b - a) * rest, 0.0).sqrt();
+        base + if a + root > 0.0 { least(2.0 * rest / (a + root), 1.0) } else { 0.0 }
+    }
 }
 
 /// Integral of such a density up to a position.
@@ -610,7 +682,7 @@ fn cumulate(density: &[f64], cdf: &mut Vec<f64>) {
 
 /// Where to begin looking for a share of a row's total: centres surely below each of as many equal steps as there are cells.
 fn guide(density: &[f64], cdf: &[f64], guide: &mut Vec<u16>) {
-    let (total, cells) = (total(|k| density[k], cdf), cdf.len());
+    let (total, cells) = (density.iter().sum::<f64>(), cdf.len());
     let mut above = 0;
     for step in 0..cells {
         // Short of the step by more than rounding.
@@ -667,7 +739,6 @@ impl Sampling {
     fn new(table: &Table, cells: &[Values], component: usize) -> Self {
         let axis = &table.meta.exit_axis;
         let mut this = Self {
-            component,
             cdf: Vec::with_capacity(cells.len()),
             guide: Vec::with_capacity(cells.len()),
             row_guide: Vec::new(),
@@ -706,4 +777,27 @@ fn measures(axis: &ExitAxis, theta_i: f64, width: f64) -> Vec<f64> {
     };
     let band: Vec<f64> = centres.iter().zip(&slopes).map(|(theta, slope)| theta.sin() * slope).collect();
     (0..phi.cells).flat_map(|row| band.iter().map(move |b| b * phi.slope(row as f64 + 0.5))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::specimen;
+
+    #[test]
+    fn a_component_without_light_has_no_exits() {
+        let incidences: Vec<f64> = (0..=18).map(|i| 5.0 * f64::from(i)).collect();
+        for mut table in [specimen::plane(&incidences, 48), specimen::space(&incidences, 32, 24)] {
+            table.rehit.value.fill(0.0);
+            let tabulated = Tabulated::new(&Interpolant::new(table));
+            for k in 0..1000 {
+                let [select, u, v] = [0.618, 0.755, 0.570].map(|step| (f64::from(k) * step).fract());
+                let incidence = tabulated.incidence(&Polar::at(FRAC_PI_2 * (f64::from(k) + 0.5) / 1000.0));
+                let [lit, dark] = [0, 1].map(|part| tabulated.sample(part, &incidence, select, u, v));
+                let length2 = |exit: &Exit| exit.cos.hypot(exit.sin) * exit.azimuth.0.hypot(exit.azimuth.1);
+                assert!((length2(&lit) - 1.0).abs() < 1e-6, "{lit:?}");
+                assert!(length2(&dark).is_nan(), "{dark:?}");
+            }
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! [`Stretched`] axes prepared for one incidence, for evaluation in few operations.
 
-use crate::angles::{exp, greatest, least};
-use crate::single::{asinh, ln, step_of};
+use crate::angles::{greatest, least};
+use crate::single::{asinh, exp, ln, step_of};
 use lut_io::axis::Stretched;
 
 /// The axis x = c ± w·sinh(·) with its constants worked out.
@@ -94,13 +94,13 @@ impl Warp {
     }
 
     /// The coordinate at a position.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn at(&self, position: f64) -> f64 {
-        let d = position - f64::from(self.middle);
+        let d = (position - f64::from(self.middle)) as f32;
         let gain = if d >= 0.0 { self.gain_hi } else { self.gain_lo };
         // sinh to an absolute error of rounding.
-        let e = exp(-(d / f64::from(gain)).abs());
-        self.centre + (self.width * 0.5 * (1.0 / e - e)).copysign(d)
+        let e = exp(-(d / gain).abs());
+        self.centre + self.width * f64::from((0.5 * (1.0 / e - e)).copysign(d))
     }
 }
 

@@ -79,13 +79,16 @@ def _pearl(base):
             self.body_rgb = None
             name = "body_color"
             if name not in props:
-                self.body_rgb = [float(c) for c in parameters.look(self.table).get("body_rgb", [0.8, 0.78, 0.75])]
+                self.body_rgb = parameters.body(self.table)
                 self.body = mi.load_dict({"type": "rgb", "value": self.body_rgb})
                 return
             kind = mi.Properties.Type
             if props.type(name) in (kind.Color, kind.Float, kind.Integer, kind.Vector):
                 self.body_rgb = parameters.colour(name, props[name])
-            self.body = props.get_texture(name, 0.5)
+            try:
+                self.body = props.get_texture(name, 0.5)
+            except RuntimeError:
+                raise PearlError(f"pearl: {name}: is no colour, spectrum or texture") from None
             mean = float(np.ravel(np.array(self.body.mean()))[0])
             if not 0.0 <= mean <= 1.0 + 1e-6:
                 raise PearlError(f"pearl: {name}: its mean is {mean:g}; expected reflectances from 0 to 1")
@@ -110,7 +113,9 @@ def _pearl(base):
             if any(key.split(".")[0] == "body_color" for key in keys):
                 self.body_rgb = None
             if not keys or "lut" in keys:
-                values = np.array(dr.detach(self.lut)).reshape(self.table.values.shape)
+                values, shape = np.array(dr.detach(self.lut)), self.table.values.shape
+                if values.shape != shape:
+                    raise PearlError(f"pearl: lut: has the shape {values.shape}; expected that of the table, {shape}")
                 if not np.isfinite(values).all():
                     raise PearlError("pearl: lut: has a value that is not finite")
                 # What is sampled must be a density.
@@ -119,9 +124,19 @@ def _pearl(base):
 
         def _values(self):
             """Depth, brightness, coherence and tint as plain numbers."""
-            one = lambda value: float(np.ravel(np.array(dr.detach(value)))[0])  # noqa: E731
-            tint = [float(c) for c in np.ravel(np.array(dr.detach(self.tint)))]
-            return one(self.depth), one(self.brightness), one(self.coherence), tint
+            plain = lambda name: np.ravel(np.array(dr.detach(getattr(self, name)))).tolist()  # noqa: E731
+            controls = []
+            for name in ("depth", "brightness", "coherence"):
+                values = plain(name)
+                controls.append(values[0] if len(values) == 1 else values)
+            return *controls, plain("tint")
+
+        def _fresh(self):
+            """The controls for arithmetic: Dr.Jit 1.5 widens a literal 0 in place where it multiplies a longer array, and the
+            artist's own parameters must stay single numbers."""
+            zero = dr.opaque(self.types.Float, 0.0)
+            fresh = (value + zero for value in (self.depth, self.brightness, self.coherence))
+            return *fresh, [channel + zero for channel in self.tint]
 
         def _derive(self):
             """Everything that follows from the controls."""
@@ -131,7 +146,7 @@ def _pearl(base):
                 parameters.number(name, value)
             parameters.colour("tint", plain[3])
             parameters.check_parts(self.table, plain[0], plain[2])
-            given = (self.depth, self.brightness, self.coherence, self.tint) if types.jit else plain
+            given = self._fresh() if types.jit else plain
             derived = self.derive(*given)
             self.colours = self.painter(types, derived, self.bands)
             self.used_depth = given[0]
@@ -199,11 +214,12 @@ def _pearl(base):
             return record, mi.depolarizer(weight)
 
         def to_string(self):
-            depth, brightness, coherence, tint = self._values()
+            *numbers, tint = self._values()
+            depth, brightness, coherence = (f"{value:g}" if isinstance(value, float) else value for value in numbers)
             shown = ",".join(name for name, show in zip(parameters.COMPONENTS, self.shown) if show)
             return (
-                f"Pearl[\n  filename = {self.table.name},\n  depth = {depth:g},\n  brightness = {brightness:g},\n"
-                f"  coherence = {coherence:g},\n  tint = {tint},\n  components = {shown}\n]"
+                f"Pearl[\n  filename = {self.table.name},\n  depth = {depth},\n  brightness = {brightness},\n"
+                f"  coherence = {coherence},\n  tint = {tint},\n  components = {shown}\n]"
             )
 
         # Its parts.

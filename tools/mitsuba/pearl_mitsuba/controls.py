@@ -11,6 +11,9 @@ PARAMETERS = ("filename", "depth", "brightness", "coherence", "body_color", "tin
 _NEEDS = {"depth": "illuminant", "coherence": "coherent"}
 
 
+_DEFAULT_BODY = (0.8, 0.78, 0.75)
+
+
 @dataclass
 class Controls:
     """What an artist sets; colours are linear sRGB. Body colour is a texture, held by the BSDF."""
@@ -45,7 +48,8 @@ def colour(field, value):
     except (TypeError, ValueError):
         channels = []
     if len(channels) != 3:
-        raise PearlError(f"pearl: {field}: {value!r} is not valid; expected a colour (rgb), each channel from 0 to 1")
+        found = repr(value) if isinstance(value, (str, list, tuple)) else f"a {type(value).__name__}"
+        raise PearlError(f"pearl: {field}: {found} is not valid; expected a colour (rgb), each channel from 0 to 1")
     return [number(f"{field}[{k}]", channel) for k, channel in enumerate(channels)]
 
 
@@ -62,8 +66,22 @@ def components(text):
 
 
 def look(table):
-    """The recipe's look, for what is not given."""
-    return table.meta.get("recipe", {}).get("look", {})
+    """The recipe's look, for what is not given: numbers only, as the tool `pearl` reads it."""
+    recipe = table.meta.get("recipe")
+    found = recipe.get("look") if isinstance(recipe, dict) else None
+    is_number = lambda value: isinstance(value, Real) and not isinstance(value, bool)  # noqa: E731
+    return {name: value for name, value in found.items() if is_number(value)} if isinstance(found, dict) else {}
+
+
+def body(table):
+    """The recipe's body colour."""
+    channels = list(_DEFAULT_BODY)
+    recipe = table.meta.get("recipe")
+    found = recipe.get("look") if isinstance(recipe, dict) else None
+    given = found.get("body_rgb") if isinstance(found, dict) else None
+    for k, channel in enumerate(given[:3] if isinstance(given, list) else []):
+        channels[k] = number(f"body_color[{k}]", channel)
+    return channels
 
 
 def read(props, table):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import compact, curves
+from . import check, compact, curves
 from .axes import HALF_PI, ExitAxis, concentration, neighbours, reading_weights, sampling_measure
 from .facets import Facets
 
@@ -62,9 +62,6 @@ class Spectra:
             }
 
         nm = np.array(section["wavelength_nm"], float)
-        steps = np.diff(nm)
-        if len(nm) > 1 and not np.allclose(steps, steps[0], rtol=1e-4):
-            raise PearlError("spectra.wavelength_nm: expected equally spaced bands")
         return cls(nm, part("coherent", "modulation"), part("illuminant", "emission"))
 
 
@@ -144,7 +141,7 @@ class Table:
 
     @cached_property
     def reciprocal(self):
-        """Whether the table is read at the larger of both angles (docs/LUT-FORMAT.md §12)."""
+        """Whether the table is read at the larger of both angles (docs/LUT-FORMAT.md §13)."""
         return "reciprocal" in self.meta
 
     @cached_property
@@ -225,26 +222,45 @@ class Table:
         theta_o, weight_o = theta_o[exit], weight_o[exit]
         y2 = np.sin(0.5 * phi) ** 2
         light = self._read(theta_i, theta_o, y2)
+        if self.reciprocal:
+            # Read at the larger angle, where the correction is another one.
+            light = light * self._correction_at(theta_i)
+            swap = theta_o > theta_i
+            back = self._read(theta_o[swap], theta_i, y2[swap]) * self._correction_at(theta_o[swap])
+            light[swap] = back * (np.cos(theta_o[swap]) / np.cos(theta_i))[:, None]
         weight = 2.0 * weight_o * weight_phi * np.sin(theta_o)
         dot = np.cos(theta_i) * np.cos(theta_o) - np.sin(theta_i) * np.sin(theta_o) * (1 - 2 * y2)
         cos_d = np.sqrt(np.maximum(0.5 * (1.0 + dot), 0.0))
         return cos_d, [lobe * weight for lobe in np.moveaxis(light, -1, 0)]
 
+    def _correction_at(self, theta_i):
+        """Factors that restore the albedos of both lobes (last axis)."""
+        span = np.clip(np.searchsorted(self.spans, theta_i, side="right") - 1, 0, len(self.spans) - 2)
+        lo, hi = self.spans[span], self.spans[span + 1]
+        step = np.clip((theta_i - lo) / (hi - lo), 0.0, 1.0) * SPAN_STEPS
+        k = np.minimum(np.asarray(step).astype(int), SPAN_STEPS - 1)
+        t = (step - k)[..., None]
+        return self.corrections[span, k] * (1.0 - t) + t * self.corrections[span, k + 1]
+
     def _read(self, theta_i, theta_o, y2):
-        """f·cos θo of both lobes (last axis) at one incidence; y2 = sin²(φ/2). Short of the correction."""
+        """f·cos θo of both lobes (last axis) at pairs of angles; y2 = sin²(φ/2). Short of the correction."""
+        theta_i, theta_o, y2 = np.broadcast_arrays(theta_i, theta_o, y2)
         columns = self.axis.columns_at(theta_i)
         last = len(self.theta) - 1
-        node = int(np.clip(np.searchsorted(self.theta, theta_i, side="right") - 1, 0, max(last - 1, 0)))
-        following = min(node + 1, last)
-        t = 0.0
-        if following > node:
-            t = np.clip((theta_i - self.theta[node]) / (self.theta[following] - self.theta[node]), 0.0, 1.0)
-        values = (1.0 - t) * self.values[node].astype(float) + t * self.values[following]
+        node = np.clip(np.searchsorted(self.theta, theta_i, side="right") - 1, 0, max(last - 1, 0))
+        following = np.minimum(node + 1, last)
+        distance = np.where(following > node, self.theta[following] - self.theta[node], 1.0)
+        t = np.clip((theta_i - self.theta[node]) / distance, 0.0, 1.0)[..., None]
+        values = self.values.astype(float)
 
         def along(row, x):
             cell, fraction = neighbours(columns.position(x), columns.cells)
             fraction = fraction[..., None]
-            return values[row, cell] * (1.0 - fraction) + fraction * values[row, cell + 1]
+            before, after = (
+                values[i, row, cell] * (1.0 - fraction) + fraction * values[i, row, cell + 1]
+                for i in (node, following)
+            )
+            return (1.0 - t) * before + t * after
 
         if self.axis.plane:
             x = concentration(theta_i, theta_o, self.width_at(theta_i))
@@ -252,7 +268,6 @@ class Table:
             return along(0, theta_o) * d + along(0, -theta_o) * (1.0 - d)
         phi = self.axis.phi_at(theta_i)
         row, fraction = neighbours(phi.position(2.0 * np.arcsin(np.sqrt(y2))), phi.cells)
-        row, theta_o = np.broadcast_arrays(row, theta_o)
         fraction = fraction[..., None]
         return along(row, theta_o) * (1.0 - fraction) + fraction * along(row + 1, theta_o)
 
@@ -307,9 +322,13 @@ def read(path, bitmap):
     if not isinstance(text, str):
         raise PearlError(f"pearl: {path}: has no attribute `pearl`, so it is no pearl table; `{BAKE}` bakes one")
     try:
-        return _table(path, compact.unpacked(json.loads(text)), image)
+        meta = json.loads(text)
+        check.schema(meta)
+        return _table(path, compact.unpacked(meta), image)
     except PearlError:
         raise
+    except check.Flaw as flaw:
+        raise PearlError(f"pearl: {path}: {flaw}; bake it again: `{BAKE}`") from None
     except (KeyError, TypeError, IndexError, ValueError, zlib.error) as error:
         problem = f"{type(error).__name__}: {error}"
         raise PearlError(f"pearl: {path}: metadata is damaged ({problem}); bake it again: `{BAKE}`") from None
@@ -319,6 +338,7 @@ def _table(path, meta, image):
     schema = meta["schema"]
     if not schema.startswith("pearl-lut/1"):
         raise PearlError(f"pearl: {path}: schema is {schema!r}, this plugin reads pearl-lut/1: install its newer version")
+    check.metadata(meta)
     kind = meta["exit_axis"]
     plane = kind["kind"] == "plane"
     axis = ExitAxis(

@@ -53,6 +53,7 @@ impl Format {
 pub(crate) fn run(args: &ExportArgs) -> Outcome {
     let path = &args.file.file;
     let table = read(path)?;
+    crate::check_output(path, &args.output)?;
     let controls = Controls::of(&table.meta);
     let name = table.meta.recipe.get("name").and_then(|name| name.as_str()).unwrap_or("pearl").to_owned();
     let bsdf = PearlBsdf::from_table(table, controls)
@@ -105,7 +106,9 @@ fn compared_nm(nodes: &[f64]) -> Vec<f64> {
 fn merl(bsdf: &PearlBsdf) -> Result<Written, Stop> {
     let merl = Merl::tabulate(|wi, wo| {
         let (there, back) = (bsdf.eval_seen(wi, wo).rgb(), bsdf.eval_seen(wo, wi).rgb());
-        std::array::from_fn(|c| 0.5 * (there[c] / wo[2] + back[c] / wi[2]))
+        // Reciprocal, as the format demands, by the mean of both ways weighted by the light that each stands for. The plain mean
+        // of both f grows without limit where one direction nears the horizon, and such a pearl shines.
+        std::array::from_fn(|c| (there[c] + back[c]) / (wo[2] + wi[2]))
     });
     let bytes = merl.encode();
     let merl = Merl::decode(&bytes).map_err(Stop::failure)?;

@@ -64,6 +64,7 @@ pub(crate) fn run(args: &FitArgs) -> Outcome {
     let path = &args.file.file;
     let permitted = permitted(args)?;
     let lobe = crate::read_lobe(path)?;
+    crate::check_output(path, &args.output)?;
     let flawed = |flaw: Flaw| Stop::bad_input(format!("{}: {flaw}", path.display()));
     let source_bytes = std::fs::metadata(path)
         .map_err(|why| Stop::failure(format!("{}: cannot read the file: {why}", path.display())))?

@@ -11,7 +11,7 @@ mod slice;
 
 use clap::{Args, Parser, Subcommand};
 use lut_io::lobe::Interpolant;
-use lut_io::{LutError, Table, exr_file};
+use lut_io::{LutError, Table};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use terminal::{Outcome, Stop};
@@ -101,11 +101,21 @@ fn stop(error: LutError) -> Stop {
 }
 
 fn read(path: &Path) -> Result<Table, Stop> {
-    exr_file::read(path).map_err(stop)
+    nacre_cli::read_table(path)
 }
 
 fn read_lobe(path: &Path) -> Result<Interpolant, Stop> {
     read(path).map(Interpolant::new)
+}
+
+/// Finds out before the work what would end it after, and keeps a table from being written over by what is made of it.
+fn check_output(input: &Path, output: &Path) -> Result<(), Stop> {
+    let same = input.canonicalize().is_ok_and(|from| output.canonicalize().is_ok_and(|to| from == to));
+    if same {
+        let problem = "is the table itself, which would be lost: name another file";
+        return Err(Stop::bad_input(format!("--output: {} {problem}", output.display())));
+    }
+    lut_io::atomic::check(output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())))
 }
 
 /// The table argument that every command starts with.

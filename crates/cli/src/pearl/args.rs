@@ -102,21 +102,21 @@ pub(crate) struct Pearl {
     #[arg(value_name = "LUT")]
     pub(crate) table: PathBuf,
     /// Share of incoherent interference in the base, 0 to 1.
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     depth: Option<f64>,
     /// Strength of the lobes, 0 to 1.
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     brightness: Option<f64>,
     /// Degree of coherence, 0 to 1.
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     coherence: Option<f64>,
     /// Body colour, linear sRGB, each 0 to 1.
-    #[arg(long, value_name = "R,G,B", value_parser = triple)]
+    #[arg(long, value_name = "R,G,B", value_parser = triple, allow_hyphen_values = true)]
     body_rgb: Option<Triple>,
     /// Factor of the interference colours, linear sRGB, each 0 to 1.
-    #[arg(long, value_name = "R,G,B", value_parser = triple)]
+    #[arg(long, value_name = "R,G,B", value_parser = triple, allow_hyphen_values = true)]
     tint_rgb: Option<Triple>,
-    /// What to show, of diffuse, incoherent, mirror, blur [default: all].
+    /// What to show: all, or a list of diffuse, incoherent, mirror, blur [default: all].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     components: Option<Vec<String>>,
 }
@@ -146,10 +146,7 @@ impl Pearl {
 
     /// The same with the controls changed last.
     pub(crate) fn bsdf_with(&self, change: impl FnOnce(&mut Controls)) -> Result<PearlBsdf, Stop> {
-        let table = lut_io::exr_file::read(&self.table).map_err(|error| match error.is_bad_input() {
-            true => Stop::bad_input(error),
-            false => Stop::failure(error),
-        })?;
+        let table = nacre_cli::read_table(&self.table)?;
         let mut controls = Controls::of(&table.meta);
         controls.depth = self.depth.unwrap_or(controls.depth);
         controls.brightness = self.brightness.unwrap_or(controls.brightness);
@@ -160,7 +157,10 @@ impl Pearl {
             controls.components =
                 Components::from_names(names.iter().map(String::as_str)).ok_or_else(|| {
                     let known = Components::NAMES.join(", ");
-                    Stop::bad_input(format!("--components: {:?} is not a list of {known}", names.join(",")))
+                    Stop::bad_input(format!(
+                        "--components: {:?} is neither all nor a list of {known}",
+                        names.join(",")
+                    ))
                 })?;
         }
         change(&mut controls);

@@ -5,7 +5,7 @@ use pearl_bsdf::{Components, Direction, Evaluation};
 use rand::{RngExt as _, SeedableRng as _};
 use serde::Deserialize;
 use serde_json::{Value, json};
-use std::io::{BufRead as _, BufReader, BufWriter, Read, Write as _};
+use std::io::{BufRead as _, BufReader, BufWriter, ErrorKind, Read, Write as _};
 use terminal::{Outcome, Stop};
 
 /// Longest input line, bytes: six numbers take far less.
@@ -36,10 +36,13 @@ pub(crate) fn eval(args: &EvalArgs) -> Outcome {
     let mut line = Vec::new();
     for number in 1u64.. {
         line.clear();
-        let read = (&mut source)
-            .take(MAX_LINE + 1)
-            .read_until(b'\n', &mut line)
-            .map_err(|error| Stop::failure(format!("{name}: line {number}: {error}")))?;
+        let read =
+            (&mut source).take(MAX_LINE + 1).read_until(b'\n', &mut line).map_err(|error| {
+                match error.kind() {
+                    ErrorKind::IsADirectory => Stop::bad_input(format!("{name}: {error}")),
+                    _ => Stop::failure(format!("{name}: line {number}: {error}")),
+                }
+            })?;
         if read == 0 {
             break;
         }

@@ -54,8 +54,16 @@ fn describe(theta_deg: f64, albedo: &Albedo) -> Value {
     json!({ "theta_i_deg": theta_deg, "albedo": albedo[4], "components": parts })
 }
 
+/// What is not shown sends nothing back.
 fn albedo(bsdf: &PearlBsdf, theta_i: f64) -> Albedo {
-    let [diffuse, incoherent, mirror, blur] = bsdf.directional_albedo(theta_i);
+    let shown = bsdf.controls().components;
+    let mut parts = bsdf.directional_albedo(theta_i);
+    for (part, shown) in parts.iter_mut().zip([shown.diffuse, shown.incoherent, shown.mirror, shown.blur]) {
+        if !shown {
+            *part = [0.0; 3];
+        }
+    }
+    let [diffuse, incoherent, mirror, blur] = parts;
     let sum = std::array::from_fn(|c| diffuse[c] + incoherent[c] + mirror[c] + blur[c]);
     [diffuse, incoherent, mirror, blur, sum]
 }

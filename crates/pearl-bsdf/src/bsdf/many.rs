@@ -3,12 +3,24 @@
 //! The arithmetic is that of the calls for one pair, so are the bits, at every SIMD level (no operation is fused or reordered).
 
 use super::{Angles, Dispersed, Evaluation, PearlBsdf, Sample, Viewer};
-use super::{above_horizon, add_weighted, choose, density_of, light_of};
+use super::{
+    BASE, INTERIOR, REHIT, SURFACE, above_horizon, add_weighted, choose, cosine_hemisphere, density_of,
+    direction, light_of,
+};
 use crate::Direction;
 use crate::angles::half_azimuth2;
+use crate::facets::many::Ranges;
 use crate::facets::{Half, OPPOSITE};
-use crate::lanes::{Directions, LANES, Lane, Steps, each};
+use crate::lanes::{Directions, LANES, Lane, Steps, each, put};
+use crate::tabulated::Exit;
+use crate::tabulated::many::Incidences;
 use pulp::{Arch, Simd, WithSimd};
+
+const BLANK: Sample = Sample {
+    wo: [0.0; 3],
+    pdf: 0.0,
+    value: Evaluation { diffuse: [0.0; 3], incoherent: [0.0; 3], mirror: [0.0; 3], blur: [0.0; 3] },
+};
 
 /// Pairs above the horizon, with what their lobes need.
 struct Pairs {
@@ -208,7 +220,9 @@ impl PearlBsdf {
         let pairs = self.pairs(wi, wo);
         let at = self.tabulated.incidences(&pairs.i);
         let lobes = self.tabulated.densities_of(&at, &pairs.o, &pairs.y2);
-        out.copy_from_slice(&self.density_packet(&pairs, &lobes)[..out.len()]);
+        let (chances, across) = (self.chances_of(&pairs.i), self.facets.ranges_across(&pairs.i));
+        let densities = self.density_packet(&pairs, &chances, &across, &lobes);
+        out.copy_from_slice(&densities[..out.len()]);
     }
 
     #[inline(always)]
@@ -219,27 +233,23 @@ impl PearlBsdf {
         }
         let i = Directions::new(wi, &valid);
         let at = self.tabulated.incidences(&i);
-        let mut wo = [[0.0, 0.0, 1.0]; LANES];
-        for (k, [u1, u2, u3]) in numbers.iter().enumerate().take(LANES) {
-            if valid[k] {
-                let chosen = choose(&self.chances(i.place.place(k)), *u1);
-                let drawn = chosen.and_then(|chosen| {
-                    self.draw(wi[k], &i.polar(k), &self.tabulated.incidence_of(&at, k), chosen, *u2, *u3)
-                });
-                valid[k] = drawn.is_some();
-                wo[k] = drawn.unwrap_or(wo[k]);
-            }
+        let across = self.facets.ranges_across(&i);
+        let chances = self.chances_of(&i);
+        let wo = self.draws(&i, &at, &chances, &across, numbers);
+        for (valid, wo) in valid.iter_mut().zip(&wo) {
+            *valid &= above_horizon(*wo);
         }
         let pairs = self.pairs_of(valid, i, Directions::new(&wo, &valid));
         let (values, lobes) = self.tabulated.lights_of(&at, &pairs.i, &pairs.o, &pairs.y2);
         let shades = self.shades(&pairs, &values);
-        let densities = self.density_packet(&pairs, &lobes);
+        let densities = self.density_packet(&pairs, &chances, &across, &lobes);
         for (k, out) in out.iter_mut().enumerate().take(LANES) {
             let (wo, pdf) = (wo[k], densities[k]);
             *out = None;
             if valid[k] && pdf > 0.0 && pdf.is_finite() {
                 // Filled where it lies: a copy would wait for what was written a moment ago.
-                let sample = out.insert(Sample { wo, pdf, value: Evaluation::default() });
+                let sample = out.insert(BLANK);
+                (sample.wo, sample.pdf) = (wo, pdf);
                 if self.dispersed.is_some() {
                     // The lobe at the table's own wavelength is what is sampled.
                     sample.value = self.eval(wi[k], wo);
@@ -248,6 +258,54 @@ impl PearlBsdf {
                 }
             }
         }
+    }
+
+    /// An exit direction of every lane, or what is none. Every technique makes one in every lane, which is less work than to
+    /// take the lanes apart; only what is looked up in the table is left out where it is not wanted.
+    #[inline(always)]
+    fn draws(
+        &self,
+        i: &Directions,
+        at: &Incidences,
+        chances: &[Lane; 4],
+        across: &Ranges,
+        numbers: &[[f64; 3]],
+    ) -> [Direction; LANES] {
+        let mut u = [[0.0; LANES]; 3];
+        for (k, numbers) in numbers.iter().enumerate().take(LANES) {
+            put(&mut u, k, *numbers);
+        }
+        let mut part = [0; LANES];
+        for k in 0..LANES {
+            let chances = [chances[0][k], chances[1][k], chances[2][k], chances[3][k]];
+            (part[k], u[0][k]) = choose(&chances, u[0][k]);
+        }
+        let azimuth = &i.azimuth;
+        let exits = self.tabulated.exits(at, &part, &u);
+        let [x, y, z] = each!(part = part, along = azimuth[0], across = azimuth[1], u2 = u[1], u3 = u[2],
+            cos = exits[0], sin = exits[1], cos_phi = exits[2], sin_phi = exits[3] => {
+            let (base, tabulated) = (cosine_hemisphere(u2, u3), Exit { cos, sin, azimuth: (cos_phi, sin_phi) });
+            direction((along, across), if part == BASE { &base } else { &tabulated })
+        });
+        let facets = self.facets.samples(i, across, &u[1], &u[2]);
+        let [x, y, z] = each!(part = part, x = x, y = y, z = z, fx = facets[0], fy = facets[1], fz = facets[2] => {
+            if part == SURFACE { [fx, fy, fz] } else { [x, y, z] }
+        });
+        let mut wo = [[0.0; 3]; LANES];
+        for (k, wo) in wo.iter_mut().enumerate() {
+            *wo = [x[k], y[k], z[k]];
+        }
+        wo
+    }
+
+    /// [`PearlBsdf::chances`] of every lane.
+    #[inline(always)]
+    fn chances_of(&self, i: &Directions) -> [Lane; 4] {
+        let mut chances = [[0.0; LANES]; 4];
+        for k in 0..LANES {
+            put(&mut chances, k, self.chances(i.place.place(k)));
+        }
+        chances
     }
 
     #[inline(always)]
@@ -298,23 +356,18 @@ impl PearlBsdf {
 
     /// Density of every pair from those of the tabulated lobes; 0 where a direction is below the horizon.
     #[inline(always)]
-    fn density_packet(&self, pairs: &Pairs, lobes: &[Lane; 2]) -> Lane {
+    fn density_packet(&self, pairs: &Pairs, chances: &[Lane; 4], across: &Ranges, lobes: &[Lane; 2]) -> Lane {
         let Pairs { valid, i, o, halves, facing, .. } = pairs;
-        let mut facets = [0.0; LANES];
-        for (k, facets) in facets.iter_mut().enumerate() {
-            *facets = self.facets.pdf_of_narrow(&i.polar(k), &halves.half(k), facing[k]);
+        let mut q = [0.0; LANES];
+        for (k, q) in q.iter_mut().enumerate() {
+            *q = halves.half(k).slope_across((i.azimuth[0][k], i.azimuth[1][k]));
         }
-        let mut densities = [0.0; LANES];
-        for (k, density) in densities.iter_mut().enumerate() {
-            if valid[k] {
-                let facets = || match self.facets.keeps_all_across(i.cos()[k]) {
-                    true => facets[k],
-                    false => self.facets.pdf(&i.polar(k), &halves.half(k), facing[k]),
-                };
-                let lobes = [lobes[0][k], lobes[1][k]];
-                *density = density_of(&self.chances(i.place.place(k)), o.cos()[k], lobes, facets);
-            }
-        }
+        let facets = self.facets.pdfs(i, across, &q, facing);
+        let [densities] = each!(valid = valid, interior = chances[INTERIOR], rehit = chances[REHIT], surface = chances[SURFACE],
+            base = chances[BASE], cos_o = o.cos(), a = lobes[0], b = lobes[1], facets = facets => {
+            let density = density_of(&[interior, rehit, surface, base], cos_o, [a, b], facets);
+            [if valid { density } else { 0.0 }]
+        });
         densities
     }
 }
@@ -348,13 +401,9 @@ fn assert_of_one_length(a: usize, b: usize, c: usize) {
 }
 
 #[cfg(test)]
-#[path = "../../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
-
-#[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Controls;
+    use crate::{Controls, specimen};
     use pulp::Scalar;
     use rand::rngs::StdRng;
     use rand::{RngExt as _, SeedableRng as _};
