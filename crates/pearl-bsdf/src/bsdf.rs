@@ -4,7 +4,7 @@ mod many;
 
 use crate::Direction;
 use crate::angles::{Polar, half_azimuth2, least, turned};
-use crate::colour::{self, Angles, Channels, Colours, HalfAngles, Palette, TALLIES, Viewer};
+use crate::colour::{self, Angles, Channels, Colours, HalfAngles, Palette, STEPS_PER_TALLY, TALLIES, Viewer};
 use crate::controls::{BsdfError, Components, Controls};
 use crate::curve::{self, NODES, Place, Quads};
 use crate::facets::{Facets, Half, Rules};
@@ -124,8 +124,8 @@ impl PearlBsdf {
         let rules = Rules::new();
         let mirror_ends = tabulated.is_reciprocal().then(|| mirror_ends(&lobe, &facets, &rules));
         let ends = mirror_ends.as_deref();
-        let half_angles =
-            (0..TALLIES).map(|degree| tally_half_angles(&facets, &rules, &tabulated, ends, degree));
+        let half_angles = (0..TALLIES)
+            .map(|tally| tally_half_angles(&facets, &rules, &tabulated, ends, tally * STEPS_PER_TALLY));
         let half_angles: HalfAngles = half_angles.collect();
         let palette = Palette::rgb(spectra.as_ref(), &controls);
         let rgb = Colours::new(&palette, &controls, &lobe, &half_angles, light.as_ref());
@@ -538,16 +538,16 @@ fn choose(chances: &[f64; 4], u: f64) -> (usize, f64) {
     (part, least((at - from) / chance, 1.0 - f64::EPSILON))
 }
 
-/// Where the light of the lobes has its half-vector angles, at an incidence of whole degrees.
+/// Where the light of the lobes has its half-vector angles, at an incidence that is a node of [`curve`].
 fn tally_half_angles(
     facets: &Facets,
     rules: &Rules,
     tabulated: &Tabulated,
     mirror_ends: Option<&[f64; NODES]>,
-    degree: usize,
+    node: usize,
 ) -> [Box<[f64; NODES]>; 3] {
     // At 90° no light arrives; its limit is what counts.
-    let theta_i = (degree as f64).to_radians().min(FRAC_PI_2 - 1e-6);
+    let theta_i = curve::theta_at(node).min(FRAC_PI_2 - 1e-6);
     let empty = || Box::new([0.0; NODES]);
     let (mut interior, mut surface, mut rehit) = (empty(), empty(), empty());
     facets.integrate_exits(rules, theta_i.cos(), |mass, cos, cos_o| {

@@ -10,8 +10,10 @@ use lut_io::spectra::Spectra;
 use lut_io::table::Component;
 use std::f64::consts::PI;
 
-/// Incidences at which the half-vector angles of the lobes are tallied: every degree.
-pub(crate) const TALLIES: usize = 91;
+/// Incidences at which the half-vector angles of the lobes are tallied: every eighth node of [`curve`], at most a degree apart and
+/// closer towards the horizon, where lobes change faster.
+pub(crate) const TALLIES: usize = curve::STEPS / STEPS_PER_TALLY + 1;
+pub(crate) const STEPS_PER_TALLY: usize = 8;
 
 /// Below this what the lobes leave is rounding.
 const NOTHING_LEFT: f64 = 1e-12;
@@ -317,7 +319,7 @@ fn mean_factors(factor: &Curves, half_angles: &HalfAngles) -> [Curves; 3] {
         };
         let splines =
             [0, 1, 2].map(|c| Spline::new(half_angles.iter().map(|tally| mean(tally, c)).collect()));
-        tabulate(|node, c| splines[c].at(curve::theta_at(node).to_degrees()))
+        tabulate(|node, c| splines[c].at(node as f64 / STEPS_PER_TALLY as f64))
     })
 }
 

@@ -166,15 +166,46 @@ impl Facets {
             if lo >= hi {
                 continue;
             }
-            for &(x, weight) in &rules.along {
-                let p = lo + 0.5 * (hi - lo) * (1.0 + x);
+            self.integrate_along(rules, cos_i, sin_i, q * q, (lo, hi), |p, weight| {
                 let slant = 1.0 + p * p + q * q;
                 let projected = cos_i - p * sin_i;
                 let cos = (projected / slant.sqrt()).clamp(0.0, 1.0);
                 let seen = if self.visible { projected } else { 1.0 };
-                let mass = 0.5 * (hi - lo) * weight * across * self.slope_density(p) * seen;
+                let mass = weight * across * self.slope_density(p) * seen;
                 // wo = 2(wi·m)m − wi.
                 visit(mass * self.fresnel(cos), cos, (2.0 * projected / slant - cos_i).max(0.0));
+            });
+        }
+    }
+
+    /// Points p with weights along one q. Where light may be reflected totally, the reflectance has the slope of a root beside the
+    /// critical angle: pieces end there, and points crowd towards it as their squares.
+    fn integrate_along(
+        &self,
+        rules: &Rules,
+        cos_i: f64,
+        sin_i: f64,
+        q2: f64,
+        (lo, hi): (f64, f64),
+        mut visit: impl FnMut(f64, f64),
+    ) {
+        let critical2 = 1.0 - f64::from(self.index_ratio).powi(2);
+        if critical2 <= 0.0 {
+            return rules.along.iter().for_each(|(x, weight)| {
+                visit(lo + 0.5 * (hi - lo) * (1.0 + x), 0.5 * (hi - lo) * weight);
+            });
+        }
+        // (cos θi − p sin θi)² = critical2·(1 + p² + q²), both roots; none of them within is as well as at an end.
+        let (a, b, c) = (sin_i * sin_i - critical2, -cos_i * sin_i, cos_i * cos_i - critical2 * (1.0 + q2));
+        let turned = -(b + (b * b - a * c).sqrt().copysign(b));
+        let within = |root: f64| if root.is_finite() { root.clamp(lo, hi) } else { lo };
+        let (first, second) = (within(turned / a), within(c / turned));
+        let (first, second) = (first.min(second), first.max(second));
+        let middle = 0.5 * (first + second);
+        for (from, to) in [(first, lo), (first, middle), (second, middle), (second, hi)] {
+            for (x, weight) in &rules.along {
+                let t = 0.5 * (1.0 + x);
+                visit(from + (to - from) * t * t, (to - from).abs() * t * weight);
             }
         }
     }

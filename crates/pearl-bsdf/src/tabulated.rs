@@ -75,7 +75,8 @@ pub(crate) struct Tabulated {
     totals: Vec<[f64; 2]>,
     sampling: [Sampling; 2],
     /// At equal steps of each span: smooth within it, with a kink at its ends.
-    along: Vec<[Along; SPAN_STEPS + 1]>,
+    along: Vec<Along>,
+    span_steps: usize,
     cap: Cap,
     /// Columns of some incidence: all but their centre and gains are those of every incidence.
     some_columns: Warp,
@@ -101,12 +102,18 @@ struct Span {
     widening: f32,
 }
 
-/// What is known along θi, of interior and rehit: the factor that restores the albedo, and the share of what is sampled that
-/// falls into the cap around the normal.
+/// What is known along θi, of interior and rehit: what is read over the albedo, which restores it, and the share of what is sampled
+/// that falls into the cap around the normal. A mixture's light is nearly linear along a span; one over it is not where a row adds
+/// many times its share, as that of the normal does in a walk table.
 type Along = [f32; 4];
 
 /// Area of what is outside the cap.
 const OUTSIDE: f64 = -1.0;
+
+/// Most that is read for an albedo.
+const DARKEST: f64 = 1e30;
+/// How far within a span its ends are, in lengths of it.
+const INSIDE: f64 = 1e-6;
 
 /// Where these shares begin in [`Along`].
 const CAP: usize = 2;
@@ -114,9 +121,14 @@ const CAP: usize = 2;
 /// Steps of [`Tabulated::guide`].
 const GUIDES: usize = 1024;
 
-/// Steps of a span at which [`Along`] is known; the Mitsuba plugin has the same. Sixteen miss its curvature at grazing incidence
-/// by 2e-4.
-const SPAN_STEPS: usize = 64;
+/// Steps of every span at which [`Along`] is known; the Mitsuba plugin has the same. Sixteen miss its curvature at grazing incidence by
+/// 2e-4; where rows are many widths of their facets apart it grows with that number, and would be missed by half a per cent.
+fn span_steps(spans: &[Span], width: f64) -> usize {
+    let longest = spans.iter().map(|span| 1.0 / span.inverse).fold(0.0, f64::max);
+    // Short of whole numbers by more than rounding.
+    let finer = ((longest / width).sqrt().log2() - 1e-6).ceil().clamp(0.0, 4.0);
+    64 << finer as u32
+}
 
 /// Piecewise-linear densities of one component, every incidence.
 #[derive(Clone, Debug)]
@@ -195,6 +207,7 @@ impl Tabulated {
         let total = |node: usize| {
             sampling.each_ref().map(|s| s.row_total[node * rows..(node + 1) * rows].iter().sum::<f64>())
         };
+        let span_steps = span_steps(&spans, axis.width());
         let mut this = Self {
             axis,
             reciprocal: reciprocal::is_reciprocal(&table.meta),
@@ -209,19 +222,23 @@ impl Tabulated {
             totals: (0..table.meta.per_incidence.len()).map(total).collect(),
             sampling,
             along: Vec::new(),
+            span_steps,
             cap: Cap::new(axis.width().min(LARGEST_CAP)),
             some_columns: Warp::new(&axis.columns_at(0.25 * PI)),
         };
         let at = |theta_i: f64| {
             let row = lobe.row(theta_i);
-            let [interior, rehit] = COMPONENTS.map(|component| row.correction(component));
+            let [interior, rehit] =
+                COMPONENTS.map(|component| least(1.0 / row.correction(component), DARKEST));
             let cap = this.cap_shares(theta_i);
             [interior, rehit, cap[0], cap[1]].map(|known| known as f32)
         };
-        let along = this.spans.iter().map(|span| {
-            std::array::from_fn(|k| at(span.from + k as f64 / (SPAN_STEPS as f64 * span.inverse)))
+        let along = this.spans.iter().flat_map(|span| {
+            // Where a component goes out at an end, what it tends to counts, not 0/0.
+            let share = move |k: usize| (k as f64 / span_steps as f64).clamp(INSIDE, 1.0 - INSIDE);
+            (0..=span_steps).map(move |k| span.from + share(k) / span.inverse)
         });
-        this.along = along.collect();
+        this.along = along.map(at).collect();
         this
     }
 
@@ -272,7 +289,9 @@ impl Tabulated {
         } else {
             self.row_width(at.sin, at.cos, moved)
         };
-        Incidence { between, along: self.along(span, along_step(between.fraction)), columns, azimuth }
+        let mut along = self.along(span, self.along_step(between.fraction));
+        restore(&mut along);
+        Incidence { between, along, columns, azimuth }
     }
 
     /// [`ExitAxis::columns_at`] in few operations, and how far its centre is moved from θi.
@@ -301,9 +320,15 @@ impl Tabulated {
 
     #[inline(always)]
     fn along(&self, span: usize, (index, t): (usize, f32)) -> Along {
-        let steps = &self.along[span];
-        let index = index % SPAN_STEPS;
-        angles::between(&steps[index], &steps[index + 1], t)
+        let first = span * (self.span_steps + 1) + index;
+        let [a, b] = &self.along[first..first + 2] else { return [1.0; 4] };
+        angles::between(a, b, t)
+    }
+
+    /// Step of a span's [`Along`], and how far to the next.
+    #[inline(always)]
+    fn along_step(&self, fraction: f32) -> (usize, f32) {
+        step_of(fraction * self.span_steps as f32, (self.span_steps - 1) as f32)
     }
 
     /// The exit cells.
@@ -561,10 +586,17 @@ impl Tabulated {
     }
 }
 
+/// Turns what is read over the albedo into what restores it.
+#[inline(always)]
+fn restore(along: &mut Along) {
+    let [interior, rehit, ..] = along;
+    (*interior, *rehit) = (1.0 / *interior, 1.0 / *rehit);
+}
+
 /// Both components as read, times what restores their albedo.
 #[inline(always)]
 fn restored(along: &Along, values: &Values) -> [f64; 2] {
-    [f64::from(along[0] * values[0]), f64::from(along[1] * values[1])]
+    [f64::from(values[0] * along[0]), f64::from(values[1] * along[1])]
 }
 
 /// Sampling densities of a decay table per position in s and azimuth: of what is read ahead and of what is read behind.
@@ -602,12 +634,6 @@ fn guide_step(theta_i: f64) -> usize {
 #[inline(always)]
 fn fraction_of_span(theta_i: f64, from: f64, inverse: f64) -> f32 {
     least(((theta_i - from) * inverse) as f32, 1.0)
-}
-
-/// Step of a span's [`Along`], and how far to the next.
-#[inline(always)]
-fn along_step(fraction: f32) -> (usize, f32) {
-    step_of(fraction * SPAN_STEPS as f32, (SPAN_STEPS - 1) as f32)
 }
 
 /// A side of the plane of incidence by one half of a uniform number, and what is left of it.

@@ -59,10 +59,27 @@ class Facets:
         with np.errstate(divide="ignore", over="ignore"):
             lo = np.maximum(np.divide(-(sin_i + chord), cos_i), -far)
         hi = np.minimum(cos_i * (1.0 - q * q) / np.maximum(sin_i + chord, 1e-300), far)
-        span = np.maximum(hi - lo, 0.0)
-        p = lo + 0.5 * span * (1.0 + _ALONG[0])
+        p, along = self._along(cos_i, sin_i, q, lo, np.maximum(hi, lo))
         projected = cos_i - p * sin_i
         cos = np.clip(projected / np.sqrt(1.0 + p * p + q * q), 0.0, 1.0)
-        mass = 0.5 * span * _ALONG[1] * across * self.slope_density(p) * (projected if self.visible else 1.0)
+        mass = along * across * self.slope_density(p) * (projected if self.visible else 1.0)
         exits = np.maximum(2.0 * projected / (1.0 + p * p + q * q) - cos_i, 0.0)
         return (mass * self.fresnel(cos)).ravel(), cos.ravel(), exits.ravel()
+
+    def _along(self, cos_i, sin_i, q, lo, hi):
+        """Points p with weights along each q. Where light may be reflected totally, the reflectance has the slope of a root beside
+        the critical angle: pieces end there, and points crowd towards it as their squares."""
+        critical2 = 1.0 - self.index_ratio**2
+        if critical2 <= 0.0:
+            return lo + 0.5 * (hi - lo) * (1.0 + _ALONG[0]), 0.5 * (hi - lo) * _ALONG[1]
+        # (cos θi − p sin θi)² = critical2·(1 + p² + q²), both roots; none of them within is as well as at an end.
+        a, b, c = sin_i * sin_i - critical2, -cos_i * sin_i, cos_i * cos_i - critical2 * (1.0 + q * q)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            turned = -(b + np.copysign(np.sqrt(b * b - a * c), b))
+            roots = [np.where(np.isfinite(root), np.clip(root, lo, hi), lo) for root in (turned / a, c / turned)]
+        first, second = np.minimum(*roots), np.maximum(*roots)
+        middle = 0.5 * (first + second)
+        t = 0.5 * (1.0 + _ALONG[0])
+        pieces = [(first, lo), (first, middle), (second, middle), (second, hi)]
+        points = [start + (end - start) * t * t for start, end in pieces]
+        return np.hstack(points), np.hstack([np.abs(end - start) * t * _ALONG[1] for start, end in pieces])

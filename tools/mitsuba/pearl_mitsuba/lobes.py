@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-from .table import SPAN_STEPS
 
 _PI = float(np.pi)
 _HALF_PI = 0.5 * _PI
@@ -255,10 +254,11 @@ class Tabulated:
         steps = np.diff(spans)
         regular = np.allclose(steps, steps[0], rtol=1e-9) and np.array_equal(after, before + 1)
         self.regular_step = float(steps[0]) if regular else None
-        at = spans[:-1, None] + steps[:, None] * np.arange(SPAN_STEPS + 1) / SPAN_STEPS
+        self.span_steps = table.span_steps
+        at = spans[:-1, None] + steps[:, None] * np.arange(self.span_steps + 1) / self.span_steps
         widths = np.interp(at, table.theta, table.azimuth_width)[..., None]
-        # By incidence: what restores the albedos, and w of the azimuth.
-        self.along = types.store(np.concatenate([table.corrections, widths, np.zeros_like(widths)], axis=2), 4)
+        # By incidence: what is read over the albedos, and w of the azimuth.
+        self.along = types.store(np.concatenate([table.read_over_albedo, widths, np.zeros_like(widths)], axis=2), 4)
         if not regular:
             self.span_ends = types.store(spans, 1)
             self.span_records = types.store(np.stack([spans[:-1], 1.0 / steps, before, after], axis=1), 4)
@@ -282,7 +282,7 @@ class Tabulated:
         scale = lambda sums: np.divide(1.0, sums, out=np.zeros_like(sums), where=sums > 0.0)  # noqa: E731
         # Distribution functions of each row, and of the φ rows of an incidence, normalised; lobe-major.
         # By incidence, as `along`: shares in the cap around the normal, and sums of the densities.
-        steps = np.arange(SPAN_STEPS + 1)[:, None] / SPAN_STEPS
+        steps = np.arange(self.span_steps + 1)[:, None] / self.span_steps
         before, after = (total[rows][:, None] for rows in self.rows_of_spans)
         caps = self._cap_shares(density.sum(axis=1) * scale(total)[:, None], total)
         self.shares = types.store(np.concatenate([caps, before + steps * (after - before)], axis=2), 4)
@@ -293,12 +293,12 @@ class Tabulated:
         """Share of what `sample` draws within the cap around the normal before it spreads it there, at the steps of
         `along`: [step, lobe]. density: [incidence, column, lobe], of sum 1 over the columns where there is light."""
         spans, (before, after) = self.spans, self.rows_of_spans
-        steps = np.arange(SPAN_STEPS + 1) / SPAN_STEPS
+        steps = np.arange(self.span_steps + 1) / self.span_steps
         # Integral of the density as it is read, up to every half cell; within halves it is quadratic.
         edge = np.concatenate([density[:, :1], 0.5 * (density[:, 1:] + density[:, :-1]), density[:, -1:]], axis=1)
         halves = 0.25 * np.stack([edge[:, :-1] + density, density + edge[:, 1:]], axis=2)
         halves = halves.reshape(len(density), -1, density.shape[2])
-        shares = np.zeros((len(before), SPAN_STEPS + 1, density.shape[2]))
+        shares = np.zeros((len(before), self.span_steps + 1, density.shape[2]))
         knots = np.arange(2 * self.columns + 1)
         nodes = np.stack([edge[:, :-1], density], axis=2).reshape(len(density), -1, density.shape[2])
         nodes = np.concatenate([nodes, edge[:, -1:]], axis=1)
@@ -343,9 +343,9 @@ class Tabulated:
             start, inverse, before, after = self.span_records.read(span, active)
             fraction = dr.clip((polar.theta - start) * inverse, 0.0, 1.0)
             node, following = types.floor(before), types.floor(after)
-        step = fraction * SPAN_STEPS
-        index = dr.minimum(types.floor(step), SPAN_STEPS - 1)
-        record = span * (SPAN_STEPS + 1) + index
+        step = fraction * self.span_steps
+        index = dr.minimum(types.floor(step), self.span_steps - 1)
+        record = span * (self.span_steps + 1) + index
         interior, rehit, width, _ = self.along.between(record, step - types.Float(index), active)
         shares = self.shares.between(record, step - types.Float(index), active)
         cap, total = shares[:2], shares[2:]
@@ -362,7 +362,7 @@ class Tabulated:
         else:
             # tan of the centre = 1/tan of its elevation.
             self_phi = Warp(self.axis.width * dr.tan(dr.maximum(room, 1e-7)), None, _PI, self.rows)
-        return Incidence(polar, node, following, fraction, [interior, rehit], total, cap, columns, room, concentration, self_phi)
+        return Incidence(polar, node, following, fraction, [dr.rcp(interior), dr.rcp(rehit)], total, cap, columns, room, concentration, self_phi)
 
     def exit(self, at, polar, y2):
         """Where an exit direction lies in the table."""

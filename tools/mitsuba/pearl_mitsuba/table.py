@@ -16,8 +16,10 @@ from . import check, compact, curves
 from .axes import HALF_PI, ExitAxis, concentration, neighbours, reading_weights, sampling_measure
 from .facets import Facets
 
-#: Steps of a span of θi at which corrections are known.
-SPAN_STEPS = 64
+#: How far within a span of θi its ends are where what is read over the albedo is asked for, in lengths of it; and the most that is
+#: read for an albedo.
+_INSIDE = 1e-6
+_DARKEST = 1e30
 #: Grid on which hemispherical integrals are known at least (as in the crate lut-io): largest step, and step as a
 #: share of hypot(w, distance of θi to 0 or 90°).
 _LARGEST_STEP = np.radians(0.5)
@@ -26,8 +28,9 @@ _MIN_STEPS = 4
 #: In integrals over the lobes a point for so much of a smooth piece, radians, and the most points a piece.
 _REACH = np.radians(1.0)
 _MOST_POINTS = 4
-#: Incidences at which the half-vector angles of the lobes are tallied: every degree.
-_TALLIES = 91
+#: Incidences at which the half-vector angles of the lobes are tallied: every eighth node of `curves`, at most a degree apart.
+_STEPS_PER_TALLY = 8
+_TALLIES = curves.STEPS // _STEPS_PER_TALLY + 1
 
 BAKE = "bake-brdf RECIPE -o pearl.exr"
 
@@ -101,29 +104,38 @@ class Table:
         before = np.where(before < 0, 0, before)
         return before, np.where(after > last, last, after)
 
+    @cached_property
+    def span_steps(self):
+        """Steps of every span of θi at which what is read over the albedo is known: more where rows are many widths apart."""
+        longest = np.diff(self.spans).max()
+        return 64 << int(np.clip(np.ceil(np.log2(np.sqrt(longest / self.axis.width)) - 1e-6), 0, 4))
+
     def width_at(self, theta_i):
         """w of the decay postulate, linear between incidences."""
         return np.interp(theta_i, self.theta, self.azimuth_width)
 
     @cached_property
-    def corrections(self):
-        """Factors that restore the albedo of what is read, [span, step, lobe], at equal steps of each span."""
+    def read_over_albedo(self):
+        """What is read over the albedo, which restores it, [span, step, lobe], at equal steps of each span. A mixture's light is
+        nearly linear along a span; one over it is not where a row adds many times its share."""
         steps = _integral_steps(self.axis.width)
         before, after = self.rows_of_spans
         cells = self.values.reshape(len(self.theta), -1, 2).astype(float)
-        corrections = np.empty((len(before), SPAN_STEPS + 1, 2))
+        ratios = np.empty((len(before), self.span_steps + 1, 2))
+        # Where a lobe goes out at an end, what it tends to counts, not 0/0.
+        t = np.clip(np.arange(self.span_steps + 1) / self.span_steps, _INSIDE, 1.0 - _INSIDE)
         for span, (lo, hi) in enumerate(zip(self.spans, self.spans[1:])):
             inner = steps[(lo < steps) & (steps < hi)]
             at = np.unique(np.concatenate([inner, lo + (hi - lo) * np.arange(_MIN_STEPS) / _MIN_STEPS, [hi]]))
             weights = np.array([reading_weights(self.axis, theta, self.width_at(theta)) for theta in at])
-            asked = lo + (hi - lo) * np.arange(SPAN_STEPS + 1) / SPAN_STEPS
-            t = (asked - lo) / (hi - lo)
+            asked = lo + (hi - lo) * t
             for lobe in range(2):
                 read = [np.interp(asked, at, weights @ cells[row, :, lobe]) for row in (before[span], after[span])]
                 integral = read[0] * (1.0 - t) + read[1] * t
                 share = self.albedo[2 * lobe](asked)
-                corrections[span, :, lobe] = np.where(integral > 0.0, share / np.where(integral > 0, integral, 1), 1.0)
-        return corrections
+                ratio = np.divide(integral, share, out=np.full_like(share, _DARKEST), where=share > 0.0)
+                ratios[span, :, lobe] = np.where(integral > 0.0, np.minimum(ratio, _DARKEST), 1.0)
+        return ratios
 
     @cached_property
     def measure(self):
@@ -183,26 +195,26 @@ class Table:
 
     def coloured_albedos(self, factor):
         """The same where the light at half-vector angle θd is multiplied by factor[node, channel]."""
-        read = curves.spline_matrix(_TALLIES, np.degrees(curves.THETA))
+        read = curves.spline_matrix(_TALLIES, np.arange(curves.NODES) / _STEPS_PER_TALLY)
         means = [read @ (tally @ factor) for tally in self._half_angles]
         return np.array([np.maximum(mean, 0.0) * share[:, None] for mean, share in zip(means, self.albedos)])
 
     @cached_property
     def _half_angles(self):
         """Where the lobes' light has its half-vector angles: for interior, surface, rehit a histogram over the nodes
-        of `curves` for each whole degree of incidence, of sum 1 (0 without light)."""
+        of `curves` for each tallied incidence, of sum 1 (0 without light)."""
         tallies = np.zeros((3, _TALLIES, curves.NODES))
-        for degree in range(_TALLIES):
+        for incidence in range(_TALLIES):
             # At 90° no light arrives; its limit is what counts.
-            theta_i = min(np.radians(degree), HALF_PI - 1e-6)
+            theta_i = min(curves.THETA[incidence * _STEPS_PER_TALLY], HALF_PI - 1e-6)
             cos_d, light = self._tabulated_light(theta_i)
             mass, cos, cos_o = self.facets.integrate_exits(np.cos(theta_i))
             if self.reciprocal:
                 mass = mass * cos_o * np.interp(np.arccos(cos_o), curves.THETA, self.mirror_ends)
             for tally, masses, at in zip(tallies, (light[0], mass, light[1]), (cos_d, cos, cos_d)):
                 index, fraction = curves.place(at)
-                tally[degree] += np.bincount(index, (1.0 - fraction) * masses, curves.NODES)
-                tally[degree] += np.bincount(index + 1, fraction * masses, curves.NODES)
+                tally[incidence] += np.bincount(index, (1.0 - fraction) * masses, curves.NODES)
+                tally[incidence] += np.bincount(index + 1, fraction * masses, curves.NODES)
         total = tallies.sum(axis=2, keepdims=True)
         return np.divide(tallies, total, out=np.zeros_like(tallies), where=total > 0.0)
 
@@ -237,10 +249,10 @@ class Table:
         """Factors that restore the albedos of both lobes (last axis)."""
         span = np.clip(np.searchsorted(self.spans, theta_i, side="right") - 1, 0, len(self.spans) - 2)
         lo, hi = self.spans[span], self.spans[span + 1]
-        step = np.clip((theta_i - lo) / (hi - lo), 0.0, 1.0) * SPAN_STEPS
-        k = np.minimum(np.asarray(step).astype(int), SPAN_STEPS - 1)
+        step = np.clip((theta_i - lo) / (hi - lo), 0.0, 1.0) * self.span_steps
+        k = np.minimum(np.asarray(step).astype(int), self.span_steps - 1)
         t = (step - k)[..., None]
-        return self.corrections[span, k] * (1.0 - t) + t * self.corrections[span, k + 1]
+        return 1.0 / (self.read_over_albedo[span, k] * (1.0 - t) + t * self.read_over_albedo[span, k + 1])
 
     def _read(self, theta_i, theta_o, y2):
         """f·cos θo of both lobes (last axis) at pairs of angles; y2 = sin²(φ/2). Short of the correction."""

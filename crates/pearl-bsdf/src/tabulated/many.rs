@@ -2,8 +2,8 @@
 
 use super::{Along, Between, COMPONENTS, DENSITIES, Found, OUTSIDE, Tabulated};
 use super::{
-    along_step, azimuth_of, concentration_of_sine, densities_of_plane, fraction_of_span, guide_step,
-    restored, scale_of_space, side_of,
+    azimuth_of, concentration_of_sine, densities_of_plane, fraction_of_span, guide_step, restore, restored,
+    scale_of_space, side_of,
 };
 use crate::angles::{self, INVERSE_TAU, turned};
 use crate::azimuth::{self, Forward, NARROW, narrow_decay};
@@ -63,13 +63,14 @@ impl Tabulated {
         });
         let mut step = Steps { index: [0; LANES], fraction: [0.0; LANES] };
         for (k, fraction) in fraction.iter().enumerate() {
-            (step.index[k], step.fraction[k]) = along_step(*fraction);
+            (step.index[k], step.fraction[k]) = self.along_step(*fraction);
         }
         let mut along = [[0.0; 4]; LANES];
         for k in 0..LANES {
             between[k].fraction = fraction[k];
             along[k] = self.along(spans[k], (step.index[k], step.fraction[k]));
         }
+        along.iter_mut().for_each(restore);
         let (mut centre, mut gains, mut moved) = ([0.0; LANES], [[0.0; LANES]; 2], [0.0; LANES]);
         for k in 0..LANES {
             let (columns, by) = self.columns_at(theta[k]);
