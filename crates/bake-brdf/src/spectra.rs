@@ -622,7 +622,9 @@ mod tests {
                 event_cap: 1_000_000,
                 precision: transport::walk::lanes::Precision::Auto,
             };
-            let table = crate::bake::walk(&request, &crate::bake::Observer::idle(), None).unwrap();
+            let table =
+                crate::bake::walk(&request, &request.bands().unwrap(), &crate::bake::Observer::idle(), None)
+                    .unwrap();
             let walk = walked(&smooth, Wanted::by_effects(set, false), smooth.wavelength()).unwrap();
             let expected = incoherent_reflectance(&walk, 60_f64.to_radians());
             // Five standard errors of 200,000 paths.
