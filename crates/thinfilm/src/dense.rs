@@ -717,7 +717,10 @@ mod tests {
             layers,
             Material::constant(substrate),
         );
-        (stack.draw(seed, 0).unwrap(), [0.0, draw(0.0, 1.5), draw(1.4, 1.56), draw(1.56, 1.57079)])
+        (
+            stack.draw(seed, 0).unwrap(),
+            [0.0, draw(0.0, 1.5), draw(1.4, 1.56), draw(1.56, std::f64::consts::FRAC_PI_2)],
+        )
     }
 
     /// Largest deviation from the robust form among the lanes whose doubt is at most `claim`: of R and T, and of the emission
