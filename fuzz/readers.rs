@@ -158,7 +158,7 @@ pub(crate) fn checkpoint(body: &[u8]) -> Result<(), String> {
         Err(why) => return refused(why),
     };
     let observer = Observer { stop: &STOP, ..Observer::idle() };
-    match bake::walk(&request, &observer, Some(snapshot)) {
+    match request.bands().and_then(|bands| bake::walk(&request, &bands, &observer, Some(snapshot))) {
         Ok(table) => {
             table.validate().expect("a table that was gone on with is valid");
             Ok(())

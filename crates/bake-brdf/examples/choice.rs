@@ -137,16 +137,16 @@ fn compared(table: Table, truth: &Interpolant) -> Option<f64> {
 }
 
 fn walked(clock: Clock, request: &Request, truth: &Interpolant) -> Result<Run> {
-    let forecast = bake::forecast(request, &Observer::idle())?;
+    let forecast = bake::forecast(request, &request.bands()?, SolverChoice::Walk, &Observer::idle())?;
     if forecast.seconds > PATIENCE {
         return Ok(Run { seconds: forecast.seconds, reached: None });
     }
-    let (table, seconds) = timed(clock, || bake::walk(request, &Observer::idle(), None));
+    let (table, seconds) = timed(clock, || bake::walk(request, &request.bands()?, &Observer::idle(), None));
     Ok(Run { seconds, reached: compared(table?, truth) })
 }
 
 fn solved(clock: Clock, request: &Request, truth: &Interpolant) -> Run {
-    let (table, seconds) = timed(clock, || bake::doubling(request, Sides::Above));
+    let (table, seconds) = timed(clock, || bake::doubling(request, &request.bands()?, Sides::Above));
     match table {
         Ok(table) => Run { seconds, reached: compared(table, truth) },
         Err(_) => Run { seconds: f64::INFINITY, reached: None },
@@ -202,12 +202,11 @@ fn try_fresh(clock: Clock, azimuths: &[AzimuthMode]) -> Result<()> {
 
 /// The table at the finest accuracy that can be paid for.
 fn truth(at: &dyn Fn(f64) -> Result<Request>) -> Result<Interpolant> {
-    let fine = bake::doubling(&at(TRUTH_PERCENT)?, Sides::Above);
-    let table = match fine {
-        Ok(table) => table,
-        Err(_) => bake::doubling(&at(COARSE_TRUTH_PERCENT)?, Sides::Above)?,
+    let solved = |percent: f64| -> Result<Table> {
+        let request = at(percent)?;
+        Ok(bake::doubling(&request, &request.bands()?, Sides::Above)?)
     };
-    Ok(Interpolant::new(table))
+    Ok(Interpolant::new(solved(TRUTH_PERCENT).or_else(|_| solved(COARSE_TRUTH_PERCENT))?))
 }
 
 fn grid(
@@ -234,7 +233,7 @@ fn grid(
         let request = at(percent)?;
         let walk = walked(clock, &request, &truth)?;
         let doubling = solved(clock, &request, &truth);
-        let (choice, choosing) = timed(clock, || bake::choose_solver(&request));
+        let (choice, choosing) = timed(clock, || bake::choose_solver(&request, &request.bands()?));
         let chosen = choice?.0;
         let auto = choosing + if chosen == SolverChoice::Walk { walk.seconds } else { doubling.seconds };
         let best = walk.seconds.min(doubling.seconds);
@@ -305,11 +304,12 @@ fn fit(clock: Clock, azimuths: &[AzimuthMode]) -> Result<()> {
 
 fn sample(clock: Clock, request: &Request) -> Result<Sample> {
     let counts = bake::counts(request)?;
-    let forecast = bake::forecast(request, &Observer::idle())?;
+    let forecast = bake::forecast(request, &request.bands()?, SolverChoice::Walk, &Observer::idle())?;
     let walk = if forecast.seconds > PATIENCE {
         None
     } else {
-        let (table, seconds) = timed(clock, || bake::walk(request, &Observer::idle(), None));
+        let (table, seconds) =
+            timed(clock, || bake::walk(request, &request.bands()?, &Observer::idle(), None));
         table?;
         Some(seconds)
     };
@@ -317,7 +317,7 @@ fn sample(clock: Clock, request: &Request) -> Result<Sample> {
     let doubling = if expected > 2.0 * PATIENCE {
         None
     } else {
-        let (table, seconds) = timed(clock, || bake::doubling(request, Sides::Above));
+        let (table, seconds) = timed(clock, || bake::doubling(request, &request.bands()?, Sides::Above));
         table.ok().map(|_| seconds)
     };
     Ok(Sample { counts, doubling, walk })

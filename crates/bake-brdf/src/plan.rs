@@ -251,9 +251,7 @@ pub fn solver(
     choice: Option<SolverChoice>,
 ) -> Result<SolverChoice, BakeError> {
     match choice {
-        Some(SolverChoice::Auto) if request.effects.has_lobe() => {
-            Ok(bake::choose_solver_at(request, bands)?.0)
-        }
+        Some(SolverChoice::Auto) if request.effects.has_lobe() => Ok(bake::choose_solver(request, bands)?.0),
         Some(SolverChoice::Walk) => Ok(SolverChoice::Walk),
         Some(SolverChoice::Doubling) => Ok(SolverChoice::Doubling),
         _ if !request.effects.contains(Effect::Blur)
@@ -280,8 +278,8 @@ pub fn costs(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<[
     if set.has_lobe() {
         let whole = lobe_cost(request, bands, solver)?;
         let mut left = whole;
-        let mut take = |effect: Effect, without: Request| {
-            let without = lobe_cost(&without, &without.bands()?, solver)?;
+        let mut take = |effect: Effect, without: Request, bands: &Bands| {
+            let without = lobe_cost(&without, bands, solver)?;
             let part = Cost {
                 seconds: (whole.seconds - without.seconds).clamp(0.0, left.seconds),
                 bytes: whole.bytes.saturating_sub(without.bytes).min(left.bytes),
@@ -291,19 +289,19 @@ pub fn costs(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<[
             Ok::<(), BakeError>(())
         };
         if set.contains(Effect::Absorption) {
-            take(
-                Effect::Absorption,
-                Request { effects: set.without(Effect::Absorption), ..request.clone() },
-            )?;
+            let without = Request { effects: set.without(Effect::Absorption), ..request.clone() };
+            // Clear layers may call for other bands.
+            take(Effect::Absorption, without.clone(), &without.bands()?)?;
         }
         if set.contains(Effect::Dispersion) {
             let without = Request { effects: set.without(Effect::Dispersion), ..request.clone() };
-            take(Effect::Dispersion, without)?;
+            take(Effect::Dispersion, without, &Bands::own(&request.recipe))?;
         }
         if set.contains(Effect::Azimuth) && request.recipe.azimuth.mode == AzimuthMode::Walk {
             let mut plane = request.clone();
             plane.recipe.azimuth.mode = AzimuthMode::Decay;
-            take(Effect::Azimuth, plane)?;
+            // Bands are chosen in the plane anyway.
+            take(Effect::Azimuth, plane, bands)?;
         }
         let rest = if set.contains(Effect::Blur) { Effect::Blur } else { Effect::Surface };
         costs[rest as usize] = costs[rest as usize] + left;
@@ -353,7 +351,7 @@ const DOUBLING_CELL_BYTES: f64 = 25.0;
 
 /// What the lobe costs: the walk from a pilot, doubling from its operation count.
 fn lobe_cost(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<Cost, BakeError> {
-    let forecast = bake::forecast_at(request, bands, solver, &Observer::idle())?;
+    let forecast = bake::forecast(request, bands, solver, &Observer::idle())?;
     let cells = forecast.cells as f64;
     let each = if solver == SolverChoice::Doubling { DOUBLING_CELL_BYTES } else { WALK_CELL_BYTES };
     let bytes = INCIDENCE_BYTES * request.incident_deg.len() as u64 + (cells * each) as u64;

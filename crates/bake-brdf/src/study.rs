@@ -2,7 +2,7 @@
 
 use crate::bake::assemble::cell_shares;
 use crate::bake::sampling::{Sampling, Shard};
-use crate::bake::{BakeError, Observer, Request, Target, exit_axis};
+use crate::bake::{BakeError, Bands, Observer, Request, Target, exit_axis};
 use crate::effects::{Effect, EffectSet};
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::tally::CHUNK;
@@ -256,7 +256,7 @@ fn request(recipe: &Recipe, incident_deg: &[f64], azimuth: AzimuthMode) -> Reque
 }
 
 fn walk(request: &Request, paths: u64) -> Result<Sampling, BakeError> {
-    let (mut sampling, _) = request.sampling(Shard::WHOLE)?;
+    let (mut sampling, _) = request.sampling(&Bands::own(&request.recipe), Shard::WHOLE)?;
     sampling.walk_to_paths(paths, &Observer::idle())?;
     Ok(sampling)
 }

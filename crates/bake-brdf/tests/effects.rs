@@ -1,7 +1,7 @@
 //! Each effect of the walk against a computation that shares no code with it.
 
 use bake_brdf::bake::sampling::Shard;
-use bake_brdf::bake::{self, Observer, Request, Sides, Target, snapshot};
+use bake_brdf::bake::{self, Bands, Observer, Request, Sides, Target, snapshot};
 use bake_brdf::effects::{Effect, EffectSet};
 use bake_brdf::recipe::Recipe;
 use lut_io::exr_file;
@@ -26,7 +26,11 @@ fn walked(text: &str, effects: &[Effect]) -> Table {
         event_cap: bake::DEFAULT_EVENT_CAP,
         precision: Precision::Auto,
     };
-    bake::walk(&request, &Observer::idle(), None).expect("it bakes")
+    bake::walk(&request, &Bands::own(&request.recipe), &Observer::idle(), None).expect("it bakes")
+}
+
+fn bands_of(request: &Request) -> Bands {
+    request.bands().expect("bands")
 }
 
 /// Reflectance of films or faces one under another, intensities added: the star product.
@@ -192,7 +196,9 @@ const DISPERSED: [Effect; 5] =
 fn every_band_of_a_dispersed_walk_is_the_walk_of_that_wavelength() {
     for target in [Target::Paths(30_000), Target::AccuracyPercent(3.0)] {
         let request = dispersive(target, &DISPERSED);
-        let walk = |request: &Request| bake::walk(request, &Observer::idle(), None).expect("it bakes");
+        let walk = |request: &Request| {
+            bake::walk(request, &bands_of(request), &Observer::idle(), None).expect("it bakes")
+        };
         bands_are_single_bakes(&walk(&request), &request, walk);
     }
 }
@@ -200,14 +206,15 @@ fn every_band_of_a_dispersed_walk_is_the_walk_of_that_wavelength() {
 #[test]
 fn every_band_of_a_dispersed_solution_is_the_solution_of_that_wavelength() {
     let request = dispersive(Target::AccuracyPercent(1.0), &DISPERSED);
-    let solve = |request: &Request| bake::doubling(request, Sides::Above).expect("it solves");
+    let solve =
+        |request: &Request| bake::doubling(request, &bands_of(request), Sides::Above).expect("it solves");
     bands_are_single_bakes(&solve(&request), &request, solve);
 }
 
 #[test]
 fn shards_of_a_dispersed_walk_merge_into_its_bits() {
     let request = dispersive(Target::Paths(40_000), &DISPERSED);
-    let whole = bake::walk(&request, &Observer::idle(), None).expect("it bakes");
+    let whole = bake::walk(&request, &bands_of(&request), &Observer::idle(), None).expect("it bakes");
     let shard = |index| {
         let shard = Shard { index, count: 3 };
         (index.to_string(), snapshot::walk_shard(&request, shard, &Observer::idle()).expect("it walks"))
@@ -233,7 +240,7 @@ fn irregularity_is_the_mean_of_explicit_stacks() {
         let recipe = Recipe::from_json(text).expect("valid");
         let request =
             Request { effects: effects.collect(), ..Request::new(recipe, Target::AccuracyPercent(1.0)) };
-        let table = bake::doubling(&request, Sides::Above).expect("a closed form");
+        let table = bake::doubling(&request, &bands_of(&request), Sides::Above).expect("a closed form");
         let spectra = Spectra::of(&table.meta).expect("valid").expect("colours");
         (spectra.wavelength_nm, spectra.coherent.expect("coherent"))
     };

@@ -5,7 +5,7 @@
 //! from the same count: E z² and Var z² are summed exactly over the binomial distribution of the count. The sum of
 //! z² over seeds and cells, standardised, is normal: a two-sided p-value.
 
-use bake_brdf::bake::{self, Observer, Request, Sides, Target};
+use bake_brdf::bake::{self, Bands, Observer, Request, Sides, Target};
 use bake_brdf::effects::Effect;
 use bake_brdf::recipe::Recipe;
 use lut_io::table::Table;
@@ -104,9 +104,11 @@ fn honesty(truth: &Table, bakes: impl Iterator<Item = Table>, paths: u64) -> Hon
 #[allow(clippy::print_stdout)] // the figures are the point
 fn judge(incident_deg: &[f64], paths: u64, seeds: u64) {
     let exact = Request { target: Target::AccuracyPercent(1e-4), ..request(incident_deg, 1, 0) };
-    let truth = bake::doubling(&exact, Sides::Above).expect("the doubling solution");
+    let truth =
+        bake::doubling(&exact, &Bands::own(&exact.recipe), Sides::Above).expect("the doubling solution");
     let bakes = (1..=seeds).map(|seed| {
-        bake::walk(&request(incident_deg, paths, seed), &Observer::idle(), None).expect("a bake")
+        let request = request(incident_deg, paths, seed);
+        bake::walk(&request, &Bands::own(&request.recipe), &Observer::idle(), None).expect("a bake")
     });
     let found = honesty(&truth, bakes, paths);
     println!(

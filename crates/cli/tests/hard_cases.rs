@@ -6,7 +6,7 @@
 #[path = "hard_cases/naive.rs"]
 mod naive;
 
-use bake_brdf::bake::{self, Observer, Request, Sides, Target};
+use bake_brdf::bake::{self, Bands, Observer, Request, Sides, Target};
 use bake_brdf::effects::Effect;
 use bake_brdf::recipe::Recipe;
 use bake_brdf::tally::{CHUNK, Cells, Tally};
@@ -460,7 +460,8 @@ fn paper(incident_deg: &[f64]) -> Request {
 }
 
 fn solution(incident_deg: &[f64]) -> Table {
-    bake::doubling(&paper(incident_deg), Sides::Above).expect("the paper's pearl")
+    let request = paper(incident_deg);
+    bake::doubling(&request, &Bands::own(&request.recipe), Sides::Above).expect("the paper's pearl")
 }
 
 /// The paper's pearl at every 5°.
@@ -482,7 +483,7 @@ fn bsdf() -> &'static PearlBsdf {
 fn storage() -> Found {
     // A walk: its shares are whole numbers of paths.
     let request = Request { target: Target::Paths(20_000), ..paper(&[10.0, 30.0, 60.0, 85.0]) };
-    let table = bake::walk(&request, &Observer::idle(), None).expect("a walk");
+    let table = bake::walk(&request, &Bands::own(&request.recipe), &Observer::idle(), None).expect("a walk");
     let cells = table.meta.exit_axis.cells();
     let (mut ours, mut naive) = (0.0_f64, 0.0_f64);
     for (i, at) in table.meta.per_incidence.iter().enumerate() {
@@ -862,8 +863,10 @@ fn tables_of_hard_stacks_keep_what_every_table_keeps() {
             incident_deg: vec![0.0, 30.0, 80.0, 89.9999],
             ..Request::new(recipe.clone(), target)
         };
-        let walked = bake::walk(&request(Target::Paths(20_000)), &Observer::idle(), None).expect(json);
-        let doubled = bake::doubling(&request(Target::AccuracyPercent(1.0)), Sides::Above);
+        let bands = Bands::own(&recipe);
+        let walked =
+            bake::walk(&request(Target::Paths(20_000)), &bands, &Observer::idle(), None).expect(json);
+        let doubled = bake::doubling(&request(Target::AccuracyPercent(1.0)), &bands, Sides::Above);
         if let Err(why) = &doubled {
             let line = why.to_string();
             assert!(narrow && line.lines().count() == 1 && line.contains("use the walk"), "{json}: {line}");

@@ -19,7 +19,7 @@ pub enum SourceProfile {
     Substrate,
 }
 
-/// I(λ, θo) for unpolarised light, rows of angles (radians), each over the wavelengths (metres). With sources in the
+/// I(λ, θo) for unpolarised light, rows of angles (radians), each over the wavelengths (metres), to 1e-9. With sources in the
 /// layers in units of length (source strength 1 at the top), with sources in the substrate T.
 ///
 /// # Errors
@@ -32,7 +32,7 @@ pub fn emission(
 ) -> Result<Vec<Vec<f64>>, StackError> {
     let SourceProfile::Substrate = profile else {
         let sources = strengths(stack, profile)?;
-        let spectra = dense::spectra_with_sources(stack, wavelengths, angles, &sources)?;
+        let spectra = dense::spectra_with_sources_for_means(stack, wavelengths, angles, &sources)?;
         let row = |(at, theta): (usize, &f64)| {
             let cos = theta.cos();
             if cos < 1e-9 {

@@ -93,11 +93,14 @@ impl Request {
     /// calls for. A function of the request alone.
     ///
     /// # Errors
-    /// Optical constants that a wavelength of the visible range does not have.
+    /// A bad request.
     pub fn bands(&self) -> Result<Bands, BakeError> {
+        self.check()?;
         if !self.is_dispersed() {
             return Ok(Bands::own(&self.recipe));
         }
+        #[cfg(test)]
+        record::chosen(&self.recipe.name);
         let share = chosen_to(self.target);
         let settings = cheap_settings(&self.transport()?, share);
         match chosen(self, share, settings.as_ref()) {
@@ -261,10 +264,36 @@ fn missed(a: &Lobes, b: &Lobes, t: f64, lobe: &Lobes) -> f64 {
     incidences.fold(0.0, f64::max)
 }
 
+/// How often bands were chosen, by the recipe's name, so that tests beside one another do not count each other's.
+#[cfg(test)]
+pub(crate) mod record {
+    use std::sync::{Mutex, PoisonError};
+
+    static NAMES: Mutex<Vec<String>> = Mutex::new(Vec::new());
+
+    pub(super) fn chosen(name: &str) {
+        NAMES.lock().unwrap_or_else(PoisonError::into_inner).push(name.to_owned());
+    }
+
+    /// Times that bands of this recipe were chosen since the last call.
+    pub(crate) fn take(name: &str) -> usize {
+        let mut names = NAMES.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = names.len();
+        names.retain(|other| other != name);
+        before - names.len()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::EffectSet;
+    use crate::bake::sampling::Shard;
+    use crate::bake::{self, Observer, Sides, SolverChoice, snapshot};
+    use crate::effects::{Asked, EffectSet};
+    use crate::plan::{Plan, Terms};
+    use crate::recipe::AzimuthMode;
+    use crate::scene::Scene;
+    use transport::walk::lanes::Precision;
 
     fn request(text: &str, percent: f64) -> Request {
         let request = Request::new(Recipe::from_json(text).unwrap(), Target::AccuracyPercent(percent));
@@ -287,7 +316,7 @@ mod tests {
         let dispersed = request(GLASSY, 1.0);
         assert!(!dispersed.bands().unwrap().further_nm.is_empty());
         let own = Request { effects: dispersed.effects.without(Effect::Dispersion), ..dispersed.clone() };
-        let effort = |request: &Request| crate::bake::sampling::scout(request, 0.01, 16, |_| false).unwrap();
+        let effort = |request: &Request| bake::sampling::scout(request, 0.01, 16, |_| false).unwrap();
         assert_eq!(effort(&dispersed), effort(&own));
     }
 
@@ -335,5 +364,96 @@ mod tests {
         assert!(weights[1][2] > 0.5 && weights[2][0] > 0.5, "{weights:?}");
         assert_eq!(bands.shares(700.0), [(2, 0.5), (3, 0.5)]);
         assert_eq!(bands.shares(300.0), [(1, 1.0), (1, 0.0)]);
+    }
+
+    #[test]
+    fn bands_are_chosen_once_whatever_is_done_at_them() {
+        const NAME: &str = "chosen once";
+        let mut request = request(GLASSY, 5.0);
+        request.recipe.name = NAME.to_owned();
+        request.incident_deg = vec![0.0, 60.0];
+        assert_eq!(record::take(NAME), 0);
+        let bands = request.bands().unwrap();
+        assert!(!bands.further_nm.is_empty());
+        let few = Request { target: Target::Paths(2000), ..request.clone() };
+        let bands_of_few = few.bands().unwrap();
+        assert_eq!(record::take(NAME), 2);
+
+        bake::choose_solver(&request, &bands).unwrap();
+        for solver in [SolverChoice::Walk, SolverChoice::Doubling] {
+            bake::forecast(&request, &bands, solver, &Observer::idle()).unwrap();
+        }
+        let solved = bake::doubling(&request, &bands, Sides::Above).unwrap();
+        let walked = bake::walk(&few, &bands_of_few, &Observer::idle(), None).unwrap();
+        assert_eq!(record::take(NAME), 0, "solved and walked");
+
+        for table in [&solved, &walked] {
+            bake::reproduce::bake_again(&table.meta, &Observer::idle()).unwrap();
+            assert_eq!(record::take(NAME), 1, "baked again");
+        }
+        // One band suffices: what a reciprocal table needs.
+        let coarse = Request { target: Target::AccuracyPercent(100.0), ..request.clone() };
+        let bands = coarse.bands().unwrap();
+        assert!(bands.further_nm.is_empty());
+        bake::can_be_reciprocal(&bands).unwrap();
+        bake::reciprocal(&bake::doubling(&coarse, &bands, Sides::Above).unwrap()).unwrap();
+        assert_eq!(record::take(NAME), 1, "reciprocal");
+
+        let shard = |index| {
+            let walked = snapshot::walk_shard(&few, Shard { index, count: 2 }, &Observer::idle()).unwrap();
+            assert_eq!(record::take(NAME), 1, "a shard");
+            (index.to_string(), walked)
+        };
+        assert_eq!(snapshot::merge(&[shard(1), shard(2)]).unwrap(), walked);
+        assert_eq!(record::take(NAME), 1, "merged");
+    }
+
+    const SCENE: &str = r#"<scene version="3.0.0">
+    <bsdf type="pearl" id="a"><string name="recipe" value="pearl.json"/></bsdf>
+    <bsdf type="pearl" id="b"><string name="recipe" value="pearl.json"/><float name="depth" value="0"/></bsdf>
+    <shape type="sphere"><ref id="a"/></shape>
+    <shape type="sphere"><ref id="b"/></shape>
+</scene>"#;
+
+    #[test]
+    fn a_plan_chooses_bands_once_and_once_more_without_absorption() {
+        let terms = |effects: &str| Terms {
+            incident_deg: vec![0.0, 60.0],
+            target: Target::AccuracyPercent(10.0),
+            seed: 1,
+            event_cap: bake::DEFAULT_EVENT_CAP,
+            precision: Precision::Auto,
+            solver: Some(SolverChoice::Auto),
+            azimuth: None,
+            asked: Some(Asked::parse(effects).unwrap()),
+        };
+        let clear = "surface,blur,azimuth:walk,dispersion";
+        let absorbing = "surface,blur,azimuth:walk,dispersion,absorption";
+        let cases = [("clear plan", clear, 1), ("absorbing plan", absorbing, 2)];
+        for (name, effects, times) in cases {
+            let named = GLASSY.replacen('{', &format!("{{\"name\":\"{name}\","), 1);
+            let named = named.replace("\"aragonite\":{", "\"aragonite\":{\"k\":0.0001,");
+            let folder = tempfile::tempdir().unwrap();
+            std::fs::write(folder.path().join("pearl.json"), &named).unwrap();
+            let scene = folder.path().join("scene.xml");
+            std::fs::write(&scene, SCENE).unwrap();
+
+            let recipe = Recipe::from_json(&named).unwrap();
+            let of_recipe = Plan::of_recipe(recipe, "pearl.json", &terms(effects)).unwrap();
+            assert_eq!(record::take(name), times, "{name}");
+            let scene = Scene::read(&scene, None).unwrap();
+            let of_scene = Plan::of_scene(&scene, &terms(effects)).unwrap();
+            assert_eq!(record::take(name), times, "{name}: a scene of two pearls");
+            assert_eq!(of_scene.tables.len(), 1);
+
+            // In the plane they would be the same bands.
+            for table in [&of_recipe.tables[0], &of_scene.tables[0]] {
+                let mut plane = table.request.clone();
+                plane.recipe.azimuth.mode = AzimuthMode::Decay;
+                assert_eq!(table.request.geometry(), Geometry::Space);
+                assert_eq!(plane.bands().unwrap(), table.bands);
+            }
+            record::take(name);
+        }
     }
 }

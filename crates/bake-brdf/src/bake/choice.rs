@@ -101,20 +101,11 @@ fn dot(counts: &[f64], prices: &[f64]) -> f64 {
     counts.iter().zip(prices).map(|(count, price)| count * price).sum()
 }
 
-/// Which solver is cheaper for a request, and why in one sentence.
+/// Which solver is cheaper for a request at bands from [`Request::bands`], and why in one sentence.
 ///
 /// # Errors
 /// A bad request.
-pub fn choose_solver(request: &Request) -> Result<(SolverChoice, String), BakeError> {
-    request.check()?;
-    choose_solver_at(request, &request.bands()?)
-}
-
-/// [`choose_solver`] at bands that are chosen already ([`Request::bands`]).
-///
-/// # Errors
-/// A bad request.
-pub fn choose_solver_at(request: &Request, bands: &Bands) -> Result<(SolverChoice, String), BakeError> {
+pub fn choose_solver(request: &Request, bands: &Bands) -> Result<(SolverChoice, String), BakeError> {
     request.check()?;
     let Target::AccuracyPercent(percent) = request.target else {
         let reason = "paths or a time budget were asked for, which only the walk has".to_owned();
@@ -289,7 +280,7 @@ fn crossing_weight(request: &Request, transport: &Transport) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Observer, forecast_at};
+    use super::super::{Observer, forecast};
     use super::*;
     use crate::effects::Effect;
     use crate::recipe::Recipe;
@@ -302,7 +293,7 @@ mod tests {
     }
 
     fn seconds(request: &Request, solver: SolverChoice) -> f64 {
-        forecast_at(request, &Bands::own(&request.recipe), solver, &Observer::idle()).unwrap().seconds
+        forecast(request, &Bands::own(&request.recipe), solver, &Observer::idle()).unwrap().seconds
     }
 
     #[test]

@@ -10,7 +10,7 @@ mod second_side;
 pub mod snapshot;
 
 pub use bands::Bands;
-pub use choice::{Counts, ROWS, WALKED, choose_solver, choose_solver_at, counts};
+pub use choice::{Counts, ROWS, WALKED, choose_solver, counts};
 
 use crate::effects::{Decisions, Effect, EffectSet, View};
 use crate::recipe::{AzimuthMode, Recipe, RecipeError};
@@ -281,13 +281,7 @@ impl Request {
         spectra::of(&self.recipe, wanted).map_err(|why| BakeError::Input(why.to_string()))
     }
 
-    pub(crate) fn sampling(&self, shard: Shard) -> Result<(Sampling, Lobes), BakeError> {
-        self.check()?;
-        self.sampling_at(&self.bands()?, shard)
-    }
-
-    /// [`Self::sampling`] at bands that are chosen already.
-    fn sampling_at(&self, bands: &Bands, shard: Shard) -> Result<(Sampling, Lobes), BakeError> {
+    pub(crate) fn sampling(&self, bands: &Bands, shard: Shard) -> Result<(Sampling, Lobes), BakeError> {
         self.check()?;
         let transports = self.transports(bands)?;
         let geometry = self.geometry();
@@ -371,23 +365,12 @@ pub enum Sides {
     Both,
 }
 
-/// Bakes with adding and doubling to the accuracy asked for.
+/// Bakes with adding and doubling to the accuracy asked for, at bands from [`Request::bands`]: choosing them takes as long
+/// as solving a few.
 ///
 /// # Errors
 /// A request for paths or time, or a problem out of the solver's reach; the message says what would do.
-pub fn doubling(request: &Request, sides: Sides) -> Result<Table, BakeError> {
-    if request.effects.has_lobe() {
-        // Before bands are chosen, so that a refusal comes before the work.
-        doubled_percent(request)?;
-    }
-    doubling_at(request, &request.bands()?, sides)
-}
-
-/// [`doubling()`] at bands that are chosen already ([`Request::bands`]): choosing them takes as long as solving a few.
-///
-/// # Errors
-/// As [`doubling()`].
-pub fn doubling_at(request: &Request, bands: &Bands, sides: Sides) -> Result<Table, BakeError> {
+pub fn doubling(request: &Request, bands: &Bands, sides: Sides) -> Result<Table, BakeError> {
     if !request.effects.has_lobe() && sides == Sides::Both {
         let line = "both-sides: the effects leave no lobe, expected surface or blur among them";
         return Err(BakeError::Input(line.to_owned()));
@@ -466,24 +449,12 @@ fn invalid(flaw: lut_io::Flaw) -> BakeError {
     BakeError::Input(format!("the table would not be valid: {flaw}"))
 }
 
-/// Bakes with the Monte Carlo walk; goes on from `resume` where that is given. A bake that is interrupted hands its
+/// Bakes with the Monte Carlo walk, at bands from [`Request::bands`]; goes on from `resume` where that is given. A bake that is interrupted hands its
 /// last whole state to the observer's checkpoint.
 ///
 /// # Errors
 /// A bad request, a state of another bake, or an observer that asked to stop.
 pub fn walk(
-    request: &Request,
-    observer: &Observer<'_>,
-    resume: Option<Snapshot>,
-) -> Result<Table, BakeError> {
-    walk_at(request, &request.bands()?, observer, resume)
-}
-
-/// [`walk()`] at bands that are chosen already ([`Request::bands`]).
-///
-/// # Errors
-/// As [`walk()`].
-pub fn walk_at(
     request: &Request,
     bands: &Bands,
     observer: &Observer<'_>,
@@ -492,7 +463,7 @@ pub fn walk_at(
     if !request.effects.has_lobe() {
         return coloured(request, lobeless(request)?, &request.colours()?);
     }
-    let (mut sampling, lobes) = request.sampling_at(bands, Shard::WHOLE)?;
+    let (mut sampling, lobes) = request.sampling(bands, Shard::WHOLE)?;
     // Before the lobe, so that a refusal comes before the work.
     let colours = request.colours()?;
     let result = walk_target(request, &mut sampling, observer, resume);
@@ -579,26 +550,18 @@ pub struct Forecast {
     pub rows: u64,
 }
 
-/// Predicts the cost of a walk without doing it, from a pilot of a few thousand paths at some incidences.
-///
-/// # Errors
-/// As [`walk`].
-pub fn forecast(request: &Request, observer: &Observer<'_>) -> Result<Forecast, BakeError> {
-    request.check()?;
-    forecast_at(request, &request.bands()?, SolverChoice::Walk, observer)
-}
-
-/// Predicts the cost of a bake by a solver at bands that are chosen already: the walk's from a pilot, doubling's from its
-/// operation count; choosing the bands is counted in.
+/// Predicts the cost of a bake by a solver without doing it: the walk's from a pilot of a few thousand paths at some
+/// incidences, doubling's from its operation count. What choosing the bands took is counted in.
 ///
 /// # Errors
 /// As [`walk()`] and [`doubling()`].
-pub fn forecast_at(
+pub fn forecast(
     request: &Request,
     bands: &Bands,
     solver: SolverChoice,
     observer: &Observer<'_>,
 ) -> Result<Forecast, BakeError> {
+    request.check()?;
     if !request.effects.has_lobe() {
         return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0, cells: 0, rows: 0 });
     }

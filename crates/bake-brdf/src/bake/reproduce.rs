@@ -114,18 +114,19 @@ pub fn bake_again(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeErr
 
 fn bake_as_walked(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeError> {
     let request = request(meta)?;
+    let bands = request.bands()?;
     if meta.solver == Solver::Doubling {
         let sides = if meta.extra.contains_key(lut_io::both_sides::KEY) { Sides::Both } else { Sides::Above };
-        return super::doubling(&request, sides);
+        return super::doubling(&request, &bands, sides);
     }
     if !matches!(request.target, Target::Time(_)) {
-        return super::walk(&request, observer, None);
+        return super::walk(&request, &bands, observer, None);
     }
     // A time gives other path counts every time: those of the table are walked.
     let further = Dispersion::of(meta).map_err(|flaw| BakeError::Input(flaw.to_string()))?;
     let further = further.iter().flat_map(|section| &section.bands).flat_map(|band| &band.per_incidence);
     let paths: Vec<u64> = meta.per_incidence.iter().chain(further).map(|at| at.paths).collect();
-    let (mut sampling, lobes) = request.sampling(Shard::WHOLE)?;
+    let (mut sampling, lobes) = request.sampling(&bands, Shard::WHOLE)?;
     sampling.walk_to_each(&paths, observer)?;
     let table = assemble::walk_tables(&request, &lobes, &sampling)?;
     super::coloured(&request, table, &request.colours()?)
@@ -217,7 +218,7 @@ mod tests {
             event_cap: 1000,
             ..Request::new(recipe, target)
         };
-        bake::walk(&request, &Observer::idle(), None).unwrap()
+        bake::walk(&request, &request.bands().unwrap(), &Observer::idle(), None).unwrap()
     }
 
     fn again(table: &Table) -> Vec<Difference> {

@@ -612,7 +612,7 @@ pub(super) fn forecast(
     let few = spread_out(angles, busy.max(FORECAST_INCIDENCES));
     let share = angles.len() as f64 / few.len() as f64;
     let piloted = Request { incident_deg: few, ..request.clone() };
-    let (mut sampling, _) = piloted.sampling_at(bands, Shard::WHOLE)?;
+    let (mut sampling, _) = piloted.sampling(bands, Shard::WHOLE)?;
     sampling.among = angles.len();
     let target = match request.target {
         Target::Time(budget) => Target::Time(budget.div_f64(share)),
@@ -647,7 +647,7 @@ pub(super) fn scout(
     let few = spread_out(&request.incident_deg, scouts);
     let effects = request.effects.without(Effect::Dispersion);
     let scouted = Request { incident_deg: few, effects, ..request.clone() };
-    let (mut sampling, _) = scouted.sampling(Shard::WHOLE)?;
+    let (mut sampling, _) = scouted.sampling(&Bands::own(&request.recipe), Shard::WHOLE)?;
     sampling.among = request.incident_deg.len();
     sampling.walk_scouts()?;
     let rough = sampling.effort(accuracy);
@@ -667,7 +667,7 @@ pub(super) fn least_effort(request: &Request, probed: Option<usize>) -> Result<E
     };
     let effects = request.effects.without(Effect::Dispersion);
     let few = Request { incident_deg: spread_out(&request.incident_deg, scouts), effects, ..request.clone() };
-    let (mut sampling, _) = few.sampling(Shard::WHOLE)?;
+    let (mut sampling, _) = few.sampling(&Bands::own(&request.recipe), Shard::WHOLE)?;
     let lobes = sampling.lobes();
     let tasks: Vec<Task> = (0..lobes).map(|lobe| Task { lobe, from: 0, to: PROBE_PATHS }).collect();
     sampling.walk_slice(&tasks, 0.0, &sampling.spreads.clone(), &Observer::idle())?;

@@ -255,7 +255,7 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
         return refuse(format!("shard {} of {} missing", missing.join(", "), first.shard.count));
     }
     let request = first.request().map_err(|why| BakeError::Input(format!("{first_name}: {why}")))?;
-    let (mut sampling, lobes) = request.sampling(Shard::WHOLE)?;
+    let (mut sampling, lobes) = request.sampling(&request.bands()?, Shard::WHOLE)?;
     let mut state = first.state.clone();
     for (name, shard) in &shards[1..] {
         for (sum, tally) in state.tallies.iter_mut().zip(&shard.state.tallies) {
@@ -297,7 +297,7 @@ pub fn walk_shard(request: &Request, shard: Shard, observer: &Observer<'_>) -> R
         // Refused here or not at all: what is merged has no one to refuse it to.
         request.colours()?;
     }
-    let (mut sampling, _): (Sampling, _) = request.sampling(shard)?;
+    let (mut sampling, _): (Sampling, _) = request.sampling(&request.bands()?, shard)?;
     sampling.walk_to_paths(paths, observer)?;
     Ok(Snapshot::new(request, shard, sampling.state()))
 }
@@ -325,7 +325,9 @@ mod tests {
 
     #[test]
     fn any_split_and_order_of_shards_gives_the_bits_of_one_bake() {
-        let whole = super::super::walk(&request(150_001), &Observer::idle(), None).unwrap();
+        let request = request(150_001);
+        let bands = request.bands().unwrap();
+        let whole = super::super::walk(&request, &bands, &Observer::idle(), None).unwrap();
         for count in [1, 2, 7, 64] {
             let mut parts = shards(150_001, count);
             parts.reverse();

@@ -111,7 +111,7 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     let bands = bands()?;
     let table = pool.install(|| {
         if sides == Sides::Both {
-            return keep(bake::doubling_at(&request, &bands, sides).map_err(stop)?, &output, false);
+            return keep(bake::doubling(&request, &bands, sides).map_err(stop)?, &output, false);
         }
         let solver = choose(&terms, &request, &bands, manners)?;
         if terms.solver == Some(SolverChoice::Auto) && solver == SolverChoice::Doubling {
@@ -171,12 +171,12 @@ pub(super) fn bake_to(
         if (kept.resume || kept.from_the_start) && !manners.quiet {
             say("doubling keeps no checkpoint and goes on from none; solving from the start");
         }
-        bake::doubling_at(request, bands, Sides::Above).map_err(stop)?
+        bake::doubling(request, bands, Sides::Above).map_err(stop)?
     } else {
         // Only the walk has something to keep when it is interrupted; doubling just ends.
         manners::watch_for_interrupts()?;
         let resume = if kept.resume { keeper.load(manners)? } else { None };
-        watched(manners, Some(&keeper), |observer| bake::walk_at(request, bands, observer, resume))?
+        watched(manners, Some(&keeper), |observer| bake::walk(request, bands, observer, resume))?
     };
     let table = keep(table, output, kept.reciprocal)?;
     keeper.remove();
@@ -191,7 +191,7 @@ fn double_or_walk(
     kept: Kept,
     manners: &Manners,
 ) -> Result<Table, Stop> {
-    match bake::doubling_at(request, bands, Sides::Above) {
+    match bake::doubling(request, bands, Sides::Above) {
         Err(why @ BakeError::Doubling(_)) => {
             if !manners.quiet {
                 say(&format!("{why}; walking instead"));
@@ -211,7 +211,7 @@ fn keep(table: Table, output: &Path, reciprocal: bool) -> Result<Table, Stop> {
 /// The solver asked for, or the cheaper one with the reason on stderr.
 fn choose(terms: &Terms, request: &Request, bands: &Bands, manners: &Manners) -> Result<SolverChoice, Stop> {
     if terms.solver == Some(SolverChoice::Auto) && request.effects.has_lobe() {
-        let (choice, reason) = bake::choose_solver_at(request, bands).map_err(stop)?;
+        let (choice, reason) = bake::choose_solver(request, bands).map_err(stop)?;
         if !manners.quiet {
             say(&format!("solver {}: {reason}", solver_name(choice)));
         }
@@ -417,7 +417,7 @@ pub(super) fn say(line: &str) {
 }
 
 fn dry_run(request: &Request, bands: &Bands, solver: SolverChoice, manners: &Manners) -> Outcome {
-    let forecast = bake::forecast_at(request, bands, solver, &Observer::idle()).map_err(stop)?;
+    let forecast = bake::forecast(request, bands, solver, &Observer::idle()).map_err(stop)?;
     if manners.json {
         return terminal::print_json(&json!({
             "schema": "bake-forecast/1",

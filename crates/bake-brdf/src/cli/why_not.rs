@@ -152,8 +152,8 @@ impl Shown {
 
 fn baked(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<Table, Stop> {
     match solver {
-        SolverChoice::Doubling => bake::doubling_at(request, bands, Sides::Above),
-        _ => bake::walk_at(request, bands, &Observer::idle(), None),
+        SolverChoice::Doubling => bake::doubling(request, bands, Sides::Above),
+        _ => bake::walk(request, bands, &Observer::idle(), None),
     }
     .map_err(stop)
 }
