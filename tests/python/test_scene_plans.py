@@ -99,6 +99,7 @@ def test_a_bump_map_is_a_texture_and_names_its_line(tmp_path):
     {
         "misspelt": ('<float name="brightnes" value="0"/>', 'no parameter (did you mean "brightness"?)'),
         "British": ('<rgb name="body_colour" value="0.5"/>', 'no parameter (did you mean "body_color"?)'),
+        "no table's name": ('<string name="filename" value=""/>', "filename is empty"),
         "far from any": ('<float name="zzz" value="0"/>', '"zzz" is no parameter; expected one of filename'),
         "infinite": ('<float name="depth" value="inf"/>', 'depth "inf" is not valid'),
     }.values(),

@@ -21,7 +21,13 @@ pub(super) fn read(
 ) -> Result<Pearl, SceneError> {
     let parameters = parameters(files, element)?;
     let string = |name: &str| parameters.get(name).copied().map(|p| text(files, p, name)).transpose();
-    let table = string("filename")?.and_then(|name| files.find(name));
+    let table = string("filename")?;
+    if let (Some(""), Some(parameter)) = (table, parameters.get("filename")) {
+        return Err(
+            files.refuse(parameter, "pearl: filename is empty; leave it out, or name the table".to_owned())
+        );
+    }
+    let table = table.and_then(|name| files.find(name));
     let named = parameters.get("recipe").copied();
     let recipe = find_recipe(files, element, named, string("recipe")?, table.as_ref())?;
     let mut view = View::of_look(&recipe.value.look);
