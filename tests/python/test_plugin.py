@@ -160,6 +160,7 @@ def assert_close(found, expected, what):
     above = expected > 1e-3 * expected.max()
     assert above.sum() > 0.01 * expected.size, what
     worst = np.abs(found[above] / expected[above] - 1.0).max()
+    print(f"{what}: within {worst:.1e}")
     assert worst <= 1e-4, f"{what}: {worst:g}"
 
 
@@ -454,6 +455,7 @@ def test_sampling_wastes_next_to_nothing(kind, tables):
             sample, weight = draws(bsdf, angle)
             weight = np.array(weight).mean(axis=0)
             efficiency = weight.mean() ** 2 / (weight**2).mean()
+            print(f"{kind} {look} {angle}°: efficiency {efficiency:.4f}, largest weight {weight.max():.3f}")
             assert efficiency >= 0.95 and weight.max() <= 2.2, (look, angle, efficiency, weight.max())
             assert (np.array(sample.pdf) <= 0).mean() <= 1e-3, (look, angle)
 
@@ -652,6 +654,7 @@ def check_gradient(bsdf, name, value_of, at, step):
         sides.append(scalar_loss(bsdf, si, wo))
     difference = (sides[0] - sides[1]) / (2.0 * step)
     assert difference != 0.0, name
+    print(f"{name}: derivative over difference {gradient / difference:.5f}")
     assert abs(gradient / difference - 1.0) < 0.01, (name, gradient, difference)
 
 

@@ -449,8 +449,8 @@ fn invalid(flaw: lut_io::Flaw) -> BakeError {
     BakeError::Input(format!("the table would not be valid: {flaw}"))
 }
 
-/// Bakes with the Monte Carlo walk, at bands from [`Request::bands`]; goes on from `resume` where that is given. A bake that is interrupted hands its
-/// last whole state to the observer's checkpoint.
+/// Bakes with the Monte Carlo walk, at bands from [`Request::bands`]; goes on from `resume` where that is given. A bake that is
+/// interrupted hands its last whole state to the observer's checkpoint.
 ///
 /// # Errors
 /// A bad request, a state of another bake, or an observer that asked to stop.
