@@ -296,7 +296,8 @@ fn each_check_finds_the_fault_it_is_for() {
         refused_with_output(&lut(&["check"], &file(&table).path), &[check]);
     };
     broken(&|t| t.meta.per_incidence[3].transmitted += 1e-11, "energy");
-    broken(&|t| t.meta.per_incidence[3].surface = t.meta.per_incidence[3].albedo * 1.1, "ledger");
+    // More is refused by every reader.
+    broken(&|t| t.meta.per_incidence[3].surface = t.meta.per_incidence[3].albedo + 1e-8, "ledger");
     broken(&|t| t.interior.value.iter_mut().for_each(|v| *v *= 1.002), "integral");
     broken(&|t| t.interior.value[20] *= 1.01, "azimuth");
     broken(&|t| t.surface.count[100] = 2e6, "counts");
