@@ -34,7 +34,7 @@ def sphere(table, look):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("table")
-    parser.add_argument("--steps", type=int, default=150)
+    parser.add_argument("--steps", type=int, default=400)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args()
     integrator = mi.load_dict({"type": "direct", "hide_emitters": True})
