@@ -33,6 +33,12 @@ fn white_plain() -> Controls {
     Controls { depth: 0.0, coherence: 0.0, body_rgb: [1.0; 3], ..Controls::default() }
 }
 
+/// Directional albedo of all components together, a channel each.
+fn albedos(bsdf: &PearlBsdf, degrees: f64) -> [f64; 3] {
+    let parts = bsdf.directional_albedo(degrees.to_radians());
+    [0, 1, 2].map(|c| parts.iter().map(|rgb| rgb[c]).sum())
+}
+
 fn only(name: &str) -> Controls {
     Controls { components: Components::from_names([name]).unwrap(), ..Controls::default() }
 }
@@ -100,8 +106,7 @@ fn a_white_body_without_interference_loses_nothing() {
     for table in tables() {
         let bsdf = bsdf(&table, white_plain());
         for degrees in [0.0, 12.5, 30.0, 61.0, 80.0, 85.0, 88.0, 89.5f64] {
-            let parts = bsdf.directional_albedo(degrees.to_radians());
-            let albedo: f64 = parts.iter().map(|rgb| rgb[1]).sum();
+            let [_, albedo, _] = albedos(&bsdf, degrees);
             // Whatever the lobes leave goes to the base: what is missing is quadrature and interpolation.
             assert!((albedo - 1.0).abs() < 1e-4, "{degrees}: {albedo}");
         }
@@ -116,9 +121,7 @@ fn a_lobe_wider_than_the_waves_of_its_colour_neither_gains_nor_loses_light() {
     let white = Controls { depth: 0.0, coherence: 1.0, body_rgb: [1.0; 3], ..Controls::default() };
     let bsdf = bsdf(&with_waves(wide, 0.2), white);
     for degrees in (0..88).map(|k| f64::from(k) + 0.37) {
-        let parts = bsdf.directional_albedo(degrees.to_radians());
-        for c in 0..3 {
-            let albedo: f64 = parts.iter().map(|rgb| rgb[c]).sum();
+        for (c, albedo) in albedos(&bsdf, degrees).into_iter().enumerate() {
             assert!((albedo - 1.0).abs() < 6e-5, "{degrees} {c}: {albedo}");
         }
     }
@@ -135,7 +138,7 @@ fn narrow_lobes_between_incidences_far_apart_neither_gain_nor_lose_light() {
     {
         let bsdf = bsdf(&specimen::table(&incidences(), axis), white_plain());
         for degrees in (0..180).map(|k| 0.5 * (f64::from(k) + 0.94)) {
-            let albedo: f64 = bsdf.directional_albedo(degrees.to_radians()).iter().map(|rgb| rgb[1]).sum();
+            let [_, albedo, _] = albedos(&bsdf, degrees);
             assert!((albedo - 1.0).abs() < 1e-4, "{degrees}: {albedo}");
         }
     }
@@ -148,9 +151,7 @@ fn colours_near_the_horizon_neither_gain_nor_lose_light() {
     let white = Controls { depth: 0.0, coherence: 1.0, body_rgb: [1.0; 3], ..Controls::default() };
     let bsdf = bsdf(&with_waves(narrow, 0.2), white);
     for degrees in (0..100).map(|k| 85.0 + 0.05 * f64::from(k)) {
-        let parts = bsdf.directional_albedo(degrees.to_radians());
-        for c in 0..3 {
-            let albedo: f64 = parts.iter().map(|rgb| rgb[c]).sum();
+        for (c, albedo) in albedos(&bsdf, degrees).into_iter().enumerate() {
             assert!((albedo - 1.0).abs() < 1e-4, "{degrees} {c}: {albedo}");
         }
     }

@@ -112,15 +112,6 @@ pub fn spectra(stack: &Stack, wavelengths: &[f64], angles: &[f64]) -> Result<Spe
     Solver::new(stack, wavelengths, None, CLAIM)?.spectra(angles)
 }
 
-/// As [`spectra`], within 1e-9 of the robust form: what a mean over many stacks or wavelengths is made of.
-pub(crate) fn spectra_for_means(
-    stack: &Stack,
-    wavelengths: &[f64],
-    angles: &[f64],
-) -> Result<Spectra, StackError> {
-    Solver::new(stack, wavelengths, None, MEAN_CLAIM)?.spectra(angles)
-}
-
 /// As [`spectra`], with Σ source·∫|E|² dz in the same pass: `sources` is the strength in each layer from the ambient
 /// side down.
 ///
@@ -135,14 +126,15 @@ pub fn spectra_with_sources(
     Solver::new(stack, wavelengths, Some(sources), CLAIM)?.spectra(angles)
 }
 
-/// As [`spectra_with_sources`], within 1e-9 of the robust form: what is averaged over bands of wavelengths.
-pub(crate) fn spectra_with_sources_for_means(
+/// As [`spectra`], or with sources as [`spectra_with_sources`], within 1e-9 of the robust form: what a mean over many stacks or
+/// wavelengths is made of.
+pub(crate) fn spectra_for_means(
     stack: &Stack,
     wavelengths: &[f64],
     angles: &[f64],
-    sources: &[f64],
+    sources: Option<&[f64]>,
 ) -> Result<Spectra, StackError> {
-    Solver::new(stack, wavelengths, Some(sources), MEAN_CLAIM)?.spectra(angles)
+    Solver::new(stack, wavelengths, sources, MEAN_CLAIM)?.spectra(angles)
 }
 
 struct Solver<'a> {
@@ -794,7 +786,7 @@ mod tests {
         for (layers, sd) in [(2000, 0.0), (10_000, 0.0), (10_000, 0.03), (16_384, 0.0)] {
             let stack = pearl(0.0, sd, layers);
             let sources = vec![1.0; layers as usize];
-            let spectra = spectra_with_sources_for_means(&stack, &wavelengths, &angles, &sources).unwrap();
+            let spectra = spectra_for_means(&stack, &wavelengths, &angles, Some(&sources)).unwrap();
             assert!(
                 spectra.robust_lanes() <= 1,
                 "{layers} layers, sd {sd}: {} robust lanes",

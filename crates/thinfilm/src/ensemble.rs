@@ -114,7 +114,7 @@ impl Sums {
             let to = (from + BATCH).min(members.end);
             let batch: Vec<dense::Spectra> = (from..to)
                 .into_par_iter()
-                .map(|member| dense::spectra_for_means(&stack.draw(seed, member)?, wavelengths, angles))
+                .map(|member| dense::spectra_for_means(&stack.draw(seed, member)?, wavelengths, angles, None))
                 .collect::<Result<_, _>>()?;
             for spectra in &batch {
                 for angle in 0..angles.len() {

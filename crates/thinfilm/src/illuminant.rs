@@ -32,7 +32,7 @@ pub fn emission(
 ) -> Result<Vec<Vec<f64>>, StackError> {
     let SourceProfile::Substrate = profile else {
         let sources = strengths(stack, profile)?;
-        let spectra = dense::spectra_with_sources_for_means(stack, wavelengths, angles, &sources)?;
+        let spectra = dense::spectra_for_means(stack, wavelengths, angles, Some(&sources))?;
         let row = |(at, theta): (usize, &f64)| {
             let cos = theta.cos();
             if cos < 1e-9 {

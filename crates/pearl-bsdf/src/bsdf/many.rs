@@ -16,6 +16,7 @@ use crate::tabulated::Exit;
 use crate::tabulated::many::Incidences;
 use pulp::{Arch, Simd, WithSimd};
 
+/// What a sample is filled in over.
 const BLANK: Sample = Sample {
     wo: [0.0; 3],
     pdf: 0.0,
