@@ -49,7 +49,7 @@ fn refused(why: impl std::fmt::Display) -> Result<(), String> {
 pub(crate) fn table(bytes: &[u8]) -> Result<(), String> {
     let table = match exr_file::decode(bytes) {
         Ok(table) => table,
-        Err(flaw) => return refused(flaw),
+        Err(error) => return refused(error),
     };
     let again = exr_file::encode(&table).expect("what was read can be written");
     assert_eq!(exr_file::decode(&again).expect("what was written can be read"), table);
@@ -89,7 +89,7 @@ pub(crate) fn recipe(bytes: &[u8]) -> Result<(), String> {
 pub(crate) fn bsdf(bytes: &[u8]) -> Result<(), String> {
     let fields = match tensor_file::decode(bytes) {
         Ok(fields) => fields,
-        Err(flaw) => return refused(flaw),
+        Err(error) => return refused(error),
     };
     let again = tensor_file::encode(&fields).expect("what was read can be written");
     let back = tensor_file::decode(&again).expect("what was written can be read");
@@ -107,7 +107,7 @@ pub(crate) fn merl(bytes: &[u8]) -> Result<(), String> {
     // As the tools read: of these bytes only header and length can be judged, unless they are a whole file.
     let merl = match Merl::decode(bytes).or_else(|_| Merl::decode_bins(FEW_BINS, bytes)) {
         Ok(merl) => merl,
-        Err(flaw) => return refused(flaw),
+        Err(error) => return refused(error),
     };
     let again = merl.encode();
     assert_eq!(again.len(), bytes.len());

@@ -27,16 +27,16 @@ ROWS = [
     ("body (the file alone)", "body", None, {}, {}),
     ("surface", "surface,body", "body", {}, {}),
     ("blur, azimuth:decay", f"{LOBE},body", "surface,body", {}, {}),
-    ("azimuth:walk", f"{LOBE},body", f"{LOBE},body", {"--azimuth": "walk"}, {}),
+    ("azimuth:space", f"{LOBE},body", f"{LOBE},body", {"--azimuth": "space"}, {}),
     ("polarisation", f"{LOBE},polarisation,body", f"{LOBE},body", {}, {}),
     ("absorption", f"{LOBE},absorption,body", f"{LOBE},body", {}, {}),
     ("choosing the bands of dispersion", f"{LOBE},dispersion,body", f"{LOBE},body", {}, {}),
     ("dispersion, with absorption, doubling to 1 %", f"{LOBE},absorption,dispersion,body", f"{LOBE},absorption,body", {}, BANDS),
     ("coherent_sheets, the paper's pearl", f"{LOBE},coherent_sheets,body", f"{LOBE},body", {}, PAPER),
     ("coherent", f"{LOBE},coherent,body", f"{LOBE},body", {}, {}),
-    ("illuminant", f"{LOBE},illuminant,body", f"{LOBE},body", {}, {}),
+    ("emission", f"{LOBE},emission,body", f"{LOBE},body", {}, {}),
     ("irregularity of coherent", f"{LOBE},coherent,irregularity,body", f"{LOBE},coherent,body", {}, {}),
-    ("irregularity of illuminant", f"{LOBE},illuminant,irregularity,body", f"{LOBE},illuminant,body", {}, {}),
+    ("irregularity of emission", f"{LOBE},emission,irregularity,body", f"{LOBE},emission,body", {}, {}),
 ]
 
 

@@ -29,7 +29,7 @@ def random_recipe(draw):
         "stack": {"layers": int(10 ** draw.uniform(0.0, 2.9)), "aragonite": layer(), "conchiolin": layer(),
                   "substrate": {"n": draw.uniform(1.0, 2.5)}},
         "facets": {"slope_sd_deg": draw.uniform(1.0, 12.0)},
-        "azimuth": {"mode": draw.choice(["decay", "decay", "walk"])},
+        "azimuth": {"mode": draw.choice(["decay", "decay", "space"])},
         "look": {"depth": 0.5, "coherence": 0.5},
     }
 

@@ -15,7 +15,7 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 REFERENCE = json.loads((ROOT / "tests" / "data" / "reference.json").read_text())["cases"]
-AZIMUTH = {"plane": "decay", "space": "walk"}
+AZIMUTH = {"plane": "decay", "space": "space"}
 MOMENTS = {"mean": "mean_theta_o_deg", "sd": "sd_theta_o_deg", "skew": "skew_theta_o"}
 
 

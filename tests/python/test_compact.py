@@ -22,8 +22,8 @@ OpenEXR = pytest.importorskip("OpenEXR")
 import pearl_mitsuba  # noqa: E402, F401
 
 RECIPES = ["paper", "akoya", "mother-of-pearl", "golden"]
-TABLES = [(recipe, azimuth) for recipe in RECIPES for azimuth in ("decay", "walk")]
-FEW = [("paper", "decay"), ("akoya", "decay"), ("mother-of-pearl", "walk")]
+TABLES = [(recipe, azimuth) for recipe in RECIPES for azimuth in ("decay", "space")]
+FEW = [("paper", "decay"), ("akoya", "decay"), ("mother-of-pearl", "space")]
 FORMS = {
     "analytic": ["--form", "analytic"],
     "table": ["--form", "table"],
@@ -49,7 +49,7 @@ def fitted(request, folder):
     table = folder / f"{recipe}-{azimuth}.exr"
     source = ROOT / "data" / "recipes" / f"{recipe}.json"
     # One lobe for all wavelengths: a compact file holds no more.
-    one_lobe = ["--effects", "surface,blur,azimuth,absorption,coherent,illuminant"] if recipe == "golden" else []
+    one_lobe = ["--effects", "surface,blur,azimuth,absorption,coherent,emission"] if recipe == "golden" else []
     run("bake-brdf", source, *one_lobe, "--azimuth", azimuth, "--solver", "doubling", "--accuracy", 0.1, "-q", "-o", table)
     forms = {}
     for name, args in FORMS.items():

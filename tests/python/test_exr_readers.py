@@ -30,7 +30,7 @@ def run(tool, *args):
     ).stdout
 
 
-@pytest.fixture(scope="module", params=["decay", "walk"])
+@pytest.fixture(scope="module", params=["decay", "space"])
 def table(request, tmp_path_factory):
     path = tmp_path_factory.mktemp("table") / f"{request.param}.exr"
     run("bake-brdf", "--azimuth", request.param, "--paths", 20000, "--incident-deg", "0,30,75",

@@ -415,7 +415,7 @@ def test_a_checkpoint_that_cannot_be_gone_on_from_is_refused_and_kept(tmp_path):
         one_line(refused.stderr, "pearl.exr.checkpoint", "version" if "version" in how else "bake state")
         assert checkpoint.read_bytes() == content and not (tmp_path / "pearl.exr").exists()
     checkpoint.write_bytes(good)
-    for other in (["--seed", 9], ["--azimuth", "walk"], ["--event-cap", 77], ["--precision", "f64"], ["--effects", "surface,blur"]):
+    for other in (["--seed", 9], ["--azimuth", "space"], ["--event-cap", 77], ["--precision", "f64"], ["--effects", "surface,blur"]):
         flags = [word for word in args if word not in ("--seed", 3)] if "--seed" in other else args
         refused = tool(tmp_path, "bake-brdf", *flags, *other, "--resume", "-q")
         assert refused.returncode == 2

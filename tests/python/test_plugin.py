@@ -60,7 +60,7 @@ def tables(folder):
     plain.write_text(json.dumps({"schema": "pearl-recipe/1", "look": {"depth": 0, "coherence": 0}}))
     for name, args in {
         "decay": ["--accuracy", 0.5],
-        "walk": ["--azimuth", "walk", "--accuracy", 1],
+        "space": ["--azimuth", "space", "--accuracy", 1],
         "sparse": [plain, "--accuracy", 1, "--incident-deg", "3,10,20,45,60,70,80,86"],
     }.items():
         paths[name] = folder / f"{name}.exr"
@@ -172,7 +172,7 @@ def reference(tables):
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("kind", ["decay", "walk", "sparse"])
+@pytest.mark.parametrize("kind", ["decay", "space", "sparse"])
 def test_values_are_those_of_the_rust_evaluator(variant, kind, tables, reference):
     if "mono" in variant and kind != "sparse":
         kind = "sparse"  # luminance is not what Rust computes: only a table without colour says the same
@@ -251,7 +251,7 @@ EDGES = [
 
 
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral", "scalar_rgb", "scalar_spectral"])
-@pytest.mark.parametrize("kind", ["decay", "walk"])
+@pytest.mark.parametrize("kind", ["decay", "space"])
 def test_directions_at_the_pole_and_the_horizon_are_finite(variant, kind, tables):
     use(variant)
     bsdf = load(tables[kind])
@@ -389,7 +389,7 @@ class LobeDomain:
 
 
 @pytest.mark.parametrize("shown", SHOWN)
-@pytest.mark.parametrize("kind", ["decay", "walk"])
+@pytest.mark.parametrize("kind", ["decay", "space"])
 def test_samples_follow_their_density(kind, shown, tables):
     use("llvm_ad_rgb")
     from mitsuba.chi2 import ChiSquareTest
@@ -427,10 +427,10 @@ def draws(bsdf, angle, count=200_000, seed=3, mode=None):
     return bsdf.sample(ctx, interaction(wi), mi.Float(u[0]), mi.Point2f(u[1:]))
 
 
-@pytest.mark.parametrize("kind", ["decay", "walk"])
+@pytest.mark.parametrize("kind", ["decay", "space"])
 def test_weights_are_bounded_and_mean_the_albedo(kind, tables):
     use("llvm_ad_rgb")
-    # Depth 0: the illuminant is read at the view, so that with it this mean is no furnace's.
+    # Depth 0: the emission is read at the view, so that with it this mean is no furnace's.
     bsdf = load(tables[kind], body_color=rgb(GREY), depth=0.0)
     furnace = json.loads(run("pearl", "furnace", tables[kind], "--body-rgb", "0.7,0.7,0.7", "--depth", 0, "--steps", 90, "--json"))
     for angle in (0, 30, 60, 80, 85, 89):
@@ -444,7 +444,7 @@ def test_weights_are_bounded_and_mean_the_albedo(kind, tables):
         assert abs(weight.mean() - expected) < 4 * weight.std() / np.sqrt(weight.size), (angle, weight.mean(), expected)
 
 
-@pytest.mark.parametrize("kind", ["decay", "walk"])
+@pytest.mark.parametrize("kind", ["decay", "space"])
 def test_sampling_wastes_next_to_nothing(kind, tables):
     """Efficiency (E w)²/E w²: the share of its samples that a perfect sampler would need for the same noise."""
     use("llvm_ad_rgb")
@@ -461,7 +461,7 @@ def test_sampling_wastes_next_to_nothing(kind, tables):
 
 
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral"])
-@pytest.mark.parametrize("kind", ["decay", "walk"])
+@pytest.mark.parametrize("kind", ["decay", "space"])
 def test_nothing_shines_in_a_white_furnace(variant, kind, tables):
     """Of light from one direction a white body sends back all that the lobes leave, and never more in any channel."""
     use(variant)
@@ -469,7 +469,7 @@ def test_nothing_shines_in_a_white_furnace(variant, kind, tables):
     for depth, coherence, brightness in ((0.0, 0.0, 1.0), (0.0, 0.6, 1.0), (0.5, 1.0, 0.7), (1.0, 1.0, 1.0), (1.0, 0.0, 0.3)):
         bsdf = load(tables[kind], depth=depth, coherence=coherence, brightness=brightness, body_color=white)
         for angle in (0, 45, 75, 88):
-            # Light from wi: the illuminant looks along wo.
+            # Light from wi: the emission looks along wo.
             _, weight = draws(bsdf, angle, count=100_000, mode=mi.TransportMode.Importance)
             weight = np.array(weight)
             albedo, error = weight.mean(axis=1), weight.std(axis=1) / np.sqrt(weight.shape[1])
@@ -692,7 +692,7 @@ def test_derivatives_hold_at_the_ends_of_the_ranges(variant, tables):
         for name, end in look.items():
             if end not in (0.0, 1.0):
                 continue
-            bsdf = load(tables["walk"], body_color=rgb(GREY), tint=rgb(tint), **look)
+            bsdf = load(tables["space"], body_color=rgb(GREY), tint=rgb(tint), **look)
             x, inward = mi.Float(0.0), 0.01 if end == 0.0 else -0.01
             dr.enable_grad(x)
             set_parameter(bsdf, name, end + x)
@@ -762,8 +762,8 @@ FALSE_METADATA = [
     ({}, ("reciprocal",), r"reciprocal.interior_gain: is missing"),
     ({"wavelength_nm": [400.0, 401.0, 410.0]}, ("spectra",), r"spectra.wavelength_nm\[1\]: .*equally spaced"),
     ({"wavelength_nm": [400.0], "coherent": {"theta_deg": [0, 80]}}, ("spectra",), r"theta_deg: runs from 0 to 80"),
-    ({"wavelength_nm": [400.0], "illuminant": {"theta_deg": [0, 90], "emission": [[1.0], [-5.0]]}}, ("spectra",),
-     r"spectra.illuminant.emission\[1\]\[0\]: is -5.0, expected 0 to"),
+    ({"wavelength_nm": [400.0], "emission": {"theta_deg": [0, 90], "radiance": [[1.0], [-5.0]]}}, ("spectra",),
+     r"spectra.emission.radiance\[1\]\[0\]: is -5.0, expected 0 to"),
 ]  # fmt: skip
 
 
@@ -795,7 +795,7 @@ def bad_inputs(folder, tables):
         ({"filename": str(newer)}, r"schema is 'pearl-lut/2'"),
         ({"filename": str(torn)}, r"per_incidence: is missing.*bake-brdf"),
         ({"filename": str(wider)}, r"pixels, its metadata say 9600"),
-        ({**good, "depth": 0.5}, r"depth: is 0.5, but .*illuminant.*bake-brdf RECIPE"),
+        ({**good, "depth": 0.5}, r"depth: is 0.5, but .*emission.*bake-brdf RECIPE"),
         ({**good, "coherence": 1}, r"coherence: is 1, but .*coherent.*bake-brdf RECIPE"),
         ({**good, "brightness": 1.5}, r"brightness: 1.5 is not valid; expected a number from 0 to 1"),
         ({**good, "brightness": float("nan")}, r"brightness: nan is not valid"),
@@ -827,7 +827,7 @@ def test_parameters_set_out_of_range_are_refused(tables):
     use("llvm_ad_rgb")
     for name, value, message in (
         ("brightness", 1.2, "brightness: 1.2"),
-        ("depth", 0.5, "illuminant"),
+        ("depth", 0.5, "emission"),
         ("tint", mi.Color3f(1, 1, -1), r"tint\[2\]"),
         ("brightness", mi.Float([0.1, 0.2]), r"brightness: \[0.1.*, 0.2.*\] is not valid; expected a number"),
         ("tint", mi.Color3f([0.1, 0.2], 1, 1), r"tint: \[0.1.*\] is not valid; expected a colour"),

@@ -24,7 +24,7 @@ def run(tool, *args, expect=0, **keywords):
     return done
 
 
-@pytest.fixture(scope="module", params=["decay", "walk"])
+@pytest.fixture(scope="module", params=["decay", "space"])
 def table(request, tmp_path_factory):
     path = tmp_path_factory.mktemp("reciprocal") / "table.exr"
     bake = ["--azimuth", request.param, "--solver", "doubling", "--accuracy", 0.5, "-q", "--reciprocal", "-o", path]

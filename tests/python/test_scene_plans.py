@@ -81,9 +81,9 @@ def test_a_plan_finds_the_pearls_that_are_shown(body, expected, tmp_path):
 def test_a_definition_on_the_command_line_goes_before_the_default(tmp_path):
     inner = '<float name="brightness" value="0"/><float name="depth" value="$deep"/>'
     scene = f'<scene version="3.0.0"><default name="deep" value="0"/>{pearl("a", inner)}<shape type="disk"><ref id="a"/></shape></scene>'
-    assert "illuminant" not in on(plan(tmp_path, scene)["a"])
-    assert "illuminant" in on(plan(tmp_path, scene, "-D", "deep=0.5")["a"])
-    assert "illuminant" in on(plan(tmp_path, scene, "-Ddeep=0.5")["a"])
+    assert "emission" not in on(plan(tmp_path, scene)["a"])
+    assert "emission" in on(plan(tmp_path, scene, "-D", "deep=0.5")["a"])
+    assert "emission" in on(plan(tmp_path, scene, "-Ddeep=0.5")["a"])
     done = tool(tmp_path, "plan", "--scene", "s.xml", "-D", "deep")
     assert done.returncode == 2 and "--define: \"deep\" is not NAME=VALUE" in done.stderr
 

@@ -10,7 +10,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 #: the walk; its body is dark, so that the lobes show, and grey, as the tools see such a table in grey at single wavelengths.
 CASES = {
     "pearl": ([], {"depth": 0.5, "coherence": 0.5, "body_rgb": [0.8, 0.78, 0.75]}),
-    "lobes": (["--azimuth", "walk"], {"depth": 0.0, "coherence": 0.0, "body_rgb": [0.1, 0.1, 0.1]}),
+    "lobes": (["--azimuth", "space"], {"depth": 0.0, "coherence": 0.0, "body_rgb": [0.1, 0.1, 0.1]}),
 }
 
 

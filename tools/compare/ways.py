@@ -116,8 +116,8 @@ class Walk:
 
     def __init__(self, table, parameters, tools):
         meta = tools.meta(table)
-        if meta["azimuth"] != "walk":
-            raise Refused("the walk is in space: compare it on a table baked with `--azimuth walk`")
+        if meta["azimuth"] != "space":
+            raise Refused("the walk is in space: compare it on a table baked with `--azimuth space`")
         if parameters["depth"] or parameters["coherence"] or parameters["brightness"] != 1:
             raise Refused("the walk adds intensities: it takes depth 0, coherence 0 and brightness 1")
         try:

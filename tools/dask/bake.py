@@ -5,7 +5,7 @@
     python tools/dask/bake.py sweep/*.json --paths 100000 -o tables                one table a recipe
     python tools/dask/bake.py akoya.json --paths 1000000 -o akoya.exr \\
         --scheduler tcp://head:8786 --shards 256                                   on any dask.distributed cluster
-    ... -- --incident-deg 0:90:5 --azimuth walk                                    further arguments of bake-brdf
+    ... -- --incident-deg 0:90:5 --azimuth space                                    further arguments of bake-brdf
 
 Each bake is cut into shards (`bake-brdf --shard I/N`), which workers walk in any order; `lut merge` makes the table, bit
 for bit that of a bake on one machine, and only of shards that say themselves that they belong to the bake asked for.

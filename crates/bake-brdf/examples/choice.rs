@@ -10,7 +10,7 @@
 //! `transport::doubling::prices` and `bake::choice`, and how far the fit is from its own data.
 //!
 //! All bakes run on one thread and are timed by its CPU clock (Linux; elsewhere by the wall clock), so that other work on the
-//! machine disturbs little. `--threads N` times the wall clock on N threads instead, `--azimuth decay|walk` does half the list.
+//! machine disturbs little. `--threads N` times the wall clock on N threads instead, `--azimuth decay|space` does half the list.
 
 #![allow(clippy::print_stdout)] // Its table is what it is for.
 
@@ -67,8 +67,8 @@ fn main() -> Result<()> {
     let threads = value("--threads").unwrap_or("1").parse()?;
     let azimuths = match value("--azimuth") {
         Some("decay") => vec![AzimuthMode::Decay],
-        Some("walk") => vec![AzimuthMode::Walk],
-        _ => vec![AzimuthMode::Decay, AzimuthMode::Walk],
+        Some("space") => vec![AzimuthMode::Space],
+        _ => vec![AzimuthMode::Decay, AzimuthMode::Space],
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
     let pool = if threads == 1 { pool.use_current_thread() } else { pool };

@@ -30,7 +30,7 @@ pub enum Effect {
     /// Each conchiolin sheet one scatterer with its coherent film reflectance, inside the walk.
     CoherentSheets,
     /// Incoherent interference: light scattered in the stack, coloured by the viewing angle.
-    Illuminant,
+    Emission,
     /// Thicknesses that differ from layer to layer.
     Irregularity,
     /// Diffuse light of the body under the nacre.
@@ -50,7 +50,7 @@ impl Effect {
         Self::Dispersion,
         Self::Coherent,
         Self::CoherentSheets,
-        Self::Illuminant,
+        Self::Emission,
         Self::Irregularity,
         Self::Body,
         Self::Texture,
@@ -68,7 +68,7 @@ impl Effect {
             Self::Dispersion => "dispersion",
             Self::Coherent => "coherent",
             Self::CoherentSheets => "coherent_sheets",
-            Self::Illuminant => "illuminant",
+            Self::Emission => "emission",
             Self::Irregularity => "irregularity",
             Self::Body => "body",
             Self::Texture => "texture",
@@ -168,8 +168,8 @@ pub enum EffectError {
     /// No effect of that name.
     #[error("effects: {0:?} is no effect; expected all, or a list of {names}", names = Effect::ALL.map(Effect::name).join(", "))]
     Unknown(String),
-    /// An azimuth mode other than decay and walk.
-    #[error("effects: azimuth:{0} is no azimuth; expected azimuth:decay or azimuth:walk")]
+    /// An azimuth mode other than decay and space.
+    #[error("effects: azimuth:{0} is no azimuth; expected azimuth:decay or azimuth:space")]
     AzimuthMode(String),
     /// An effect that this version does not simulate for this recipe.
     #[error("effects: {effect} is not simulated: {why}")]
@@ -191,7 +191,7 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// Parses `surface,blur,azimuth:walk` or `all`; `azimuth` may carry its mode.
+    /// Parses `surface,blur,azimuth:space` or `all`; `azimuth` may carry its mode.
     ///
     /// # Errors
     /// A name that is no effect.
@@ -204,7 +204,7 @@ impl Asked {
             if let Some(mode) = item.strip_prefix("azimuth:") {
                 azimuth = Some(match mode {
                     "decay" => AzimuthMode::Decay,
-                    "walk" => AzimuthMode::Walk,
+                    "space" => AzimuthMode::Space,
                     _ => return Err(EffectError::AzimuthMode(mode.to_owned())),
                 });
                 set = set.with(Effect::Azimuth);
@@ -408,7 +408,7 @@ impl Decisions {
 const fn mode_text(mode: AzimuthMode) -> &'static str {
     match mode {
         AzimuthMode::Decay => "decay: the plane walk, spread by the postulate",
-        AzimuthMode::Walk => "walk: the space walk gives the azimuth",
+        AzimuthMode::Space => "space: transport in space gives the azimuth",
     }
 }
 
@@ -429,7 +429,7 @@ fn matter(effect: Effect, recipe: &Recipe) -> Result<String, String> {
             None if recipe.stack.layer_count() >= 2 => Ok("conchiolin sheets between aragonite".to_owned()),
             _ => Err("the stack has no conchiolin sheets".to_owned()),
         },
-        Effect::Illuminant => Ok("light scattered in the layers".to_owned()),
+        Effect::Emission => Ok("light scattered in the layers".to_owned()),
         Effect::Irregularity => irregular(recipe).ok_or_else(|| "every thickness_sd_nm is 0".to_owned()),
         Effect::Polarisation => Ok("s and p differ at every interface".to_owned()),
         Effect::Body => Ok("a body under the nacre".to_owned()),
@@ -477,7 +477,7 @@ fn absorbing_elsewhere(recipe: &Recipe) -> Option<String> {
 /// Absorption acts on the blur at the walk's wavelength, and on interference colours at all.
 fn absorption(recipe: &Recipe, view: &View) -> Verdict {
     let blur = needs_blur(recipe, view);
-    let colours = coherent(view).is_ok() || illuminant(view).is_ok();
+    let colours = coherent(view).is_ok() || emission(view).is_ok();
     match (blur, absorbing(recipe)) {
         (Ok(()), Some(what)) => Ok(what),
         (Err(blur), _) if !colours => Err(format!("{blur}, and no interference is shown")),
@@ -520,8 +520,8 @@ pub fn available(effect: Effect, recipe: &Recipe) -> Result<(), String> {
 /// Whether this version simulates an effect; `Err` says what it does in its place.
 fn simulated(effect: Effect, recipe: &Recipe) -> Result<(), String> {
     match effect {
-        Effect::Polarisation if recipe.azimuth.mode == AzimuthMode::Walk => Err(
-            "s and p are tracked in the plane of incidence only: azimuth decay has it, azimuth walk has not"
+        Effect::Polarisation if recipe.azimuth.mode == AzimuthMode::Space => Err(
+            "s and p are tracked in the plane of incidence only: azimuth decay has it, azimuth space has not"
                 .to_owned(),
         ),
         Effect::CoherentSheets => {
@@ -543,7 +543,7 @@ fn decide(effect: Effect, recipe: &Recipe, view: &View) -> Decision {
         Effect::Dispersion => needs_blur(recipe, view).and_then(|()| dispersion(recipe, view)),
         Effect::Coherent => coherent(view),
         Effect::CoherentSheets => Err("only where --effects lists it".to_owned()),
-        Effect::Illuminant => illuminant(view),
+        Effect::Emission => emission(view),
         Effect::Irregularity => irregularity(recipe, view),
         Effect::Body => body(view),
         Effect::Texture => match &view.texture {
@@ -618,7 +618,7 @@ fn coherent(view: &View) -> Verdict {
     Ok(setting("coherence", &view.coherence))
 }
 
-fn illuminant(view: &View) -> Verdict {
+fn emission(view: &View) -> Verdict {
     if view.depth.value == 0.0 {
         return Err(setting("depth", &view.depth));
     }
@@ -641,10 +641,8 @@ fn body(view: &View) -> Verdict {
 
 fn irregularity(recipe: &Recipe, view: &View) -> Verdict {
     let what = matter(Effect::Irregularity, recipe)?;
-    match (coherent(view), illuminant(view)) {
-        (Err(coherent), Err(illuminant)) => {
-            Err(format!("no interference is shown: {coherent}, {illuminant}"))
-        }
+    match (coherent(view), emission(view)) {
+        (Err(coherent), Err(emission)) => Err(format!("no interference is shown: {coherent}, {emission}")),
         _ => Ok(what),
     }
 }
@@ -669,7 +667,7 @@ mod tests {
 
     #[test]
     fn names_are_the_models_and_survive_a_round_trip() {
-        let names = "surface blur azimuth polarisation absorption dispersion coherent coherent_sheets illuminant \
+        let names = "surface blur azimuth polarisation absorption dispersion coherent coherent_sheets emission \
                      irregularity body texture";
         assert_eq!(Effect::ALL.map(Effect::name).join(" "), names);
         for effect in Effect::ALL {
@@ -685,7 +683,7 @@ mod tests {
     #[test]
     fn the_papers_pearl_calls_for_its_lobes_colours_and_body() {
         let (recipe, view) = paper();
-        assert_eq!(on(&recipe, &view), "surface blur azimuth coherent illuminant body");
+        assert_eq!(on(&recipe, &view), "surface blur azimuth coherent emission body");
     }
 
     #[test]
@@ -695,9 +693,9 @@ mod tests {
         let without_depth = View { depth: zero(), ..view.clone() };
         assert_eq!(on(&recipe, &without_depth), "surface blur azimuth coherent body");
         let incoherent = View { coherence: zero(), ..view.clone() };
-        assert_eq!(on(&recipe, &incoherent), "surface blur azimuth illuminant body");
+        assert_eq!(on(&recipe, &incoherent), "surface blur azimuth emission body");
         let dull = View { brightness: zero(), ..view.clone() };
-        assert_eq!(on(&recipe, &dull), "illuminant body");
+        assert_eq!(on(&recipe, &dull), "emission body");
         let why = &Decisions::of(&recipe, &dull).get(Effect::Blur).why.clone();
         assert_eq!(why, "brightness 0 (scene.xml:3)");
         let black = View { body: Setting::new(Some([0.0; 3]), "scene.xml:4"), ..view };
@@ -718,7 +716,7 @@ mod tests {
         let text = r#"{"stack":{"aragonite":{"n":{"cauchy":[1.5,0.01]},"thickness_sd_nm":9},"conchiolin":{"k":0.001}}}"#;
         let recipe = recipe(text);
         let view = View::of_look(&recipe.look);
-        let all = "surface blur azimuth absorption dispersion coherent illuminant irregularity body";
+        let all = "surface blur azimuth absorption dispersion coherent emission irregularity body";
         assert_eq!(on(&recipe, &view), all);
         let why = |view: &View, effect| Decisions::of(&recipe, view).get(effect).why.clone();
         assert_eq!(
@@ -730,7 +728,7 @@ mod tests {
         let polarised = View { polarised: Setting::new(true, "s:1"), ..view.clone() };
         assert_eq!(why(&polarised, Effect::Polarisation), "the variant is polarised (s:1)");
         let mut space = recipe.clone();
-        space.azimuth.mode = AzimuthMode::Walk;
+        space.azimuth.mode = AzimuthMode::Space;
         let decision = Decisions::of(&space, &polarised).get(Effect::Polarisation).clone();
         assert!(!decision.on && decision.why.contains("azimuth decay has it"), "{decision:?}");
         assert!(why(&view, Effect::Polarisation).starts_with("the variant is not polarised"));
@@ -750,8 +748,8 @@ mod tests {
         };
         assert_eq!(set("body"), "body");
         assert_eq!(set("absorption,blur"), "surface blur azimuth absorption");
-        assert_eq!(set("all"), "surface blur azimuth coherent illuminant body");
-        assert_eq!(Asked::parse("azimuth:walk").unwrap().azimuth, Some(AzimuthMode::Walk));
+        assert_eq!(set("all"), "surface blur azimuth coherent emission body");
+        assert_eq!(Asked::parse("azimuth:space").unwrap().azimuth, Some(AzimuthMode::Space));
         for list in ["", "glitter", "surface,,blur", "azimuth:flat", "Surface"] {
             let line = Asked::parse(list).unwrap_err().to_string();
             assert!(line.starts_with("effects: ") && !line.contains('\n'), "{line}");

@@ -297,7 +297,7 @@ pub fn costs(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<[
             let without = Request { effects: set.without(Effect::Dispersion), ..request.clone() };
             take(Effect::Dispersion, without, &Bands::own(&request.recipe))?;
         }
-        if set.contains(Effect::Azimuth) && request.recipe.azimuth.mode == AzimuthMode::Walk {
+        if set.contains(Effect::Azimuth) && request.recipe.azimuth.mode == AzimuthMode::Space {
             let mut plane = request.clone();
             plane.recipe.azimuth.mode = AzimuthMode::Decay;
             // Bands are chosen in the plane anyway.
@@ -319,7 +319,7 @@ fn interference_costs(request: &Request, costs: &mut [Cost; 12]) {
     };
     let whole = seconds(set);
     let regular = seconds(set.without(Effect::Irregularity));
-    for (i, effect) in [Effect::Coherent, Effect::Illuminant].into_iter().enumerate() {
+    for (i, effect) in [Effect::Coherent, Effect::Emission].into_iter().enumerate() {
         if set.contains(effect) {
             let own = whole[i].min(regular[i]);
             costs[effect as usize] = Cost { seconds: own, bytes: SPECTRUM_BYTES[i] };

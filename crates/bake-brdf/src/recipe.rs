@@ -138,8 +138,8 @@ pub enum AzimuthMode {
     /// The paper's postulate on the plane walk.
     #[default]
     Decay,
-    /// The space walk.
-    Walk,
+    /// Transport in space: no postulate.
+    Space,
 }
 
 /// The artist's controls (stored with the table; they do not change the walk).

@@ -14,11 +14,11 @@
 
 use crate::effects::{Effect, EffectSet};
 use crate::recipe::{Recipe, RecipeError};
-use lut_io::error::Flaw;
-use lut_io::spectra::{Coherent, Illuminant, Spectra};
+use lut_io::error::FieldError;
+use lut_io::spectra::{Coherent, Emission, Spectra};
 use lut_io::table::Meta;
 use rayon::prelude::*;
-use thinfilm::illuminant::SourceProfile;
+use thinfilm::emission::SourceProfile;
 use thinfilm::{Dispersion, Material, Stack, StackError, StackRun, colour, ensemble, modulation};
 use transport::{Light, Transport};
 
@@ -106,8 +106,8 @@ pub enum Want {
 pub struct Wanted {
     /// M(λ, θ), effect `coherent`.
     pub coherent: Want,
-    /// Ê(λ, θ), effect `illuminant`.
-    pub illuminant: Want,
+    /// Ê(λ, θ), effect `emission`.
+    pub emission: Want,
     /// Whether thicknesses vary (effect `irregularity`); without, every layer has its mean thickness.
     pub irregularity: bool,
     /// Whether layers absorb (effect `absorption`).
@@ -131,7 +131,7 @@ impl Wanted {
         }
         Self {
             coherent: want(effects.contains(Effect::Coherent), listed),
-            illuminant: want(effects.contains(Effect::Illuminant), listed),
+            emission: want(effects.contains(Effect::Emission), listed),
             irregularity: effects.contains(Effect::Irregularity),
             absorption: effects.contains(Effect::Absorption),
             polarisation: effects.contains(Effect::Polarisation),
@@ -154,14 +154,14 @@ impl Colours {
     #[must_use]
     pub fn effects(&self) -> EffectSet {
         let coherent = self.spectra.coherent.as_ref().map(|_| Effect::Coherent);
-        coherent.into_iter().chain(self.spectra.illuminant.as_ref().map(|_| Effect::Illuminant)).collect()
+        coherent.into_iter().chain(self.spectra.emission.as_ref().map(|_| Effect::Emission)).collect()
     }
 
     /// Puts the colours and the reasons for missing ones into a table's metadata.
     ///
     /// # Errors
     /// The section is not valid.
-    pub fn store(&self, meta: &mut Meta) -> Result<(), Flaw> {
+    pub fn store(&self, meta: &mut Meta) -> Result<(), FieldError> {
         if self.effects() != EffectSet::NONE {
             self.spectra.store(meta)?;
         }
@@ -198,12 +198,12 @@ pub fn of(recipe: &Recipe, wanted: Wanted) -> Result<Colours, SpectraError> {
     };
     let coherent =
         attempt(Effect::Coherent, wanted.coherent, &|| coherent(recipe, wanted).map(Part::Coherent))?;
-    let illuminant =
-        attempt(Effect::Illuminant, wanted.illuminant, &|| illuminant(recipe, wanted).map(Part::Illuminant))?;
-    for part in coherent.into_iter().chain(illuminant) {
+    let emission =
+        attempt(Effect::Emission, wanted.emission, &|| emission(recipe, wanted).map(Part::Emission))?;
+    for part in coherent.into_iter().chain(emission) {
         match part {
             Part::Coherent(part) => colours.spectra.coherent = Some(part),
-            Part::Illuminant(part) => colours.spectra.illuminant = Some(part),
+            Part::Emission(part) => colours.spectra.emission = Some(part),
         }
     }
     Ok(colours)
@@ -211,7 +211,7 @@ pub fn of(recipe: &Recipe, wanted: Wanted) -> Result<Colours, SpectraError> {
 
 enum Part {
     Coherent(Coherent),
-    Illuminant(Illuminant),
+    Emission(Emission),
 }
 
 /// The walk at a wavelength (metres) whose lobe the coherent colours multiply.
@@ -267,29 +267,29 @@ fn coherent(recipe: &Recipe, wanted: Wanted) -> Result<Coherent, SpectraError> {
     })
 }
 
-fn illuminant(recipe: &Recipe, wanted: Wanted) -> Result<Illuminant, SpectraError> {
+fn emission(recipe: &Recipe, wanted: Wanted) -> Result<Emission, SpectraError> {
     // Refuses what the bake refuses, with its words.
     recipe.transport(recipe.wavelength())?;
     let stack = shortened(wave_stack(recipe, wanted), DEEPEST);
-    let (theta_deg, effort) = illuminant_effort(&stack);
+    let (theta_deg, effort) = emission_effort(&stack);
     let Effort { per_band, members, .. } = effort;
     let angles = radians(&theta_deg);
     let wavelengths = colour::wavelengths(BANDS * per_band + 1);
-    let emission =
-        modulation::illuminant(&stack, SourceProfile::Uniform, SEED, members, &wavelengths, &angles)?;
-    let rows: Vec<Row> = emission
+    let radiance =
+        modulation::emission(&stack, SourceProfile::Uniform, SEED, members, &wavelengths, &angles)?;
+    let rows: Vec<Row> = radiance
         .into_par_iter()
-        .map(|emission| {
-            let bands = band_means(&emission);
+        .map(|radiance| {
+            let bands = band_means(&radiance);
             let scale = bands.iter().sum::<f64>() / BANDS as f64;
-            let unit: Vec<f64> = emission.iter().map(|e| e / scale).collect();
+            let unit: Vec<f64> = radiance.iter().map(|e| e / scale).collect();
             Row { bands: bands.iter().map(|e| e / scale).collect(), rgb: rgb(&unit, f64::INFINITY), scale }
         })
         .collect();
-    Ok(Illuminant {
+    Ok(Emission {
         theta_deg,
-        emission_rgb: rows.iter().map(|row| row.rgb).collect(),
-        emission: rows.into_iter().map(|row| row.bands).collect(),
+        radiance_rgb: rows.iter().map(|row| row.rgb).collect(),
+        radiance: rows.into_iter().map(|row| row.bands).collect(),
     })
 }
 
@@ -305,7 +305,7 @@ fn coherent_effort(stack: &Stack) -> (Vec<f64>, Effort) {
 }
 
 /// Angles of Ê, and how finely it is sampled.
-fn illuminant_effort(stack: &Stack) -> (Vec<f64>, Effort) {
+fn emission_effort(stack: &Stack) -> (Vec<f64>, Effort) {
     let irregular = stack.is_irregular();
     let theta_deg = angles_deg(STEP_DEG);
     let work = if has_slow_fields(stack) { SLOW_FIELD_WORK } else { FIELD_WORK };
@@ -339,13 +339,13 @@ pub fn forecast(recipe: &Recipe, wanted: Wanted) -> [f64; 2] {
         let price = if deep { DOUBLED_PRICE } else { reflectance_price(repeats, absorbs) };
         seconds(price, &coherent_effort(&stack).1, &stack)
     };
-    let illuminant = || {
+    let emission = || {
         let stack = shortened(stack.clone(), DEEPEST);
-        seconds(field_price(absorbs), &illuminant_effort(&stack).1, &stack)
+        seconds(field_price(absorbs), &emission_effort(&stack).1, &stack)
     };
     [
         if wanted.coherent == Want::No { 0.0 } else { coherent() },
-        if wanted.illuminant == Want::No { 0.0 } else { illuminant() },
+        if wanted.emission == Want::No { 0.0 } else { emission() },
     ]
 }
 
@@ -530,7 +530,7 @@ mod tests {
 
     const BOTH: Wanted = Wanted {
         coherent: Want::Required,
-        illuminant: Want::Required,
+        emission: Want::Required,
         irregularity: true,
         absorption: true,
         polarisation: false,
@@ -541,10 +541,10 @@ mod tests {
         Recipe::from_json(text).unwrap()
     }
 
-    fn both(text: &str) -> (Coherent, Illuminant) {
+    fn both(text: &str) -> (Coherent, Emission) {
         let spectra = of(&recipe(text), BOTH).unwrap().spectra;
         spectra.validate().unwrap();
-        (spectra.coherent.unwrap(), spectra.illuminant.unwrap())
+        (spectra.coherent.unwrap(), spectra.emission.unwrap())
     }
 
     #[test]
@@ -560,12 +560,12 @@ mod tests {
 
     #[test]
     fn a_short_regular_stack_has_valid_colours_bounded_by_its_energy() {
-        let (coherent, illuminant) = both(r#"{"stack": {"layers": 7}}"#);
+        let (coherent, emission) = both(r#"{"stack": {"layers": 7}}"#);
         for (i, row) in coherent.modulation.iter().enumerate() {
             let most = 1.0 / coherent.incoherent[i];
             assert!(row.iter().chain(&coherent.modulation_rgb[i]).all(|m| *m <= most + 1e-12));
         }
-        for row in &illuminant.emission {
+        for row in &emission.radiance {
             let mean = row.iter().sum::<f64>() / BANDS as f64;
             assert!((mean - 1.0).abs() < 1e-12);
         }
@@ -595,12 +595,12 @@ mod tests {
     #[test]
     fn a_stack_of_one_index_has_no_hue_but_that_of_its_surface() {
         // One thick layer of the substrate's own material: a single interface, coherent = incoherent.
-        let (coherent, illuminant) =
+        let (coherent, emission) =
             both(r#"{"stack": {"explicit": [{"n": 1.5, "thickness_nm": 1000}], "substrate": {"n": 1.5}}}"#);
         for row in &coherent.modulation[..coherent.modulation.len() - 1] {
             assert!(row.iter().all(|m| (m - 1.0).abs() < 1e-9), "{row:?}");
         }
-        for rgb in illuminant.emission_rgb {
+        for rgb in emission.radiance_rgb {
             assert!(rgb.iter().all(|c| (c - 1.0).abs() < 1e-6), "{rgb:?}");
         }
     }
@@ -662,7 +662,7 @@ mod tests {
             of(&recipe, wanted).unwrap().effects().iter().collect::<Vec<_>>()
         };
         assert_eq!(held(&[Effect::Coherent, Effect::Blur]), [Effect::Coherent]);
-        assert_eq!(held(&[Effect::Illuminant]), [Effect::Illuminant]);
+        assert_eq!(held(&[Effect::Emission]), [Effect::Emission]);
         assert_eq!(held(&[Effect::Surface, Effect::Irregularity]), []);
     }
 
@@ -672,14 +672,14 @@ mod tests {
         let text = r#"{"stack": {"layers": 4, "aragonite": {"k": 0.01, "thickness_sd_nm": 30}}}"#;
         let of_text = |wanted| {
             let spectra = of(&recipe(text), wanted).unwrap().spectra;
-            (spectra.coherent.unwrap(), spectra.illuminant.unwrap())
+            (spectra.coherent.unwrap(), spectra.emission.unwrap())
         };
         assert_eq!(of_text(Wanted { irregularity: false, absorption: false, ..BOTH }), plain);
         let absorbing = of_text(Wanted { irregularity: false, ..BOTH });
         let irregular = of_text(Wanted { absorption: false, ..BOTH });
-        for (coherent, illuminant) in [absorbing, irregular] {
+        for (coherent, emission) in [absorbing, irregular] {
             assert_ne!(coherent.modulation[0], plain.0.modulation[0]);
-            assert_ne!(illuminant.emission, plain.1.emission);
+            assert_ne!(emission.radiance, plain.1.radiance);
         }
     }
 
@@ -689,7 +689,7 @@ mod tests {
         let violet = recipe(
             r#"{"stack": {"layers": 4, "aragonite": {"n": {"cauchy": [3.153, -0.5]}, "thickness_nm": 450}}}"#,
         );
-        let effects: EffectSet = [Effect::Coherent, Effect::Illuminant].into_iter().collect();
+        let effects: EffectSet = [Effect::Coherent, Effect::Emission].into_iter().collect();
         let colours = of(&violet, Wanted::by_effects(effects, false)).unwrap();
         assert_eq!(colours.effects(), EffectSet::NONE);
         assert_eq!(colours.missing.len(), 2);

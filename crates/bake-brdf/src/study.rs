@@ -107,8 +107,8 @@ fn path_counts(azimuth: AzimuthMode, precision: Precision) -> &'static [u64] {
     match (azimuth, precision) {
         (AzimuthMode::Decay, Precision::F64) => &[4 * CHUNK, 16 * CHUNK, 48 * CHUNK],
         (AzimuthMode::Decay, _) => &[4 * CHUNK, 16 * CHUNK, 64 * CHUNK],
-        (AzimuthMode::Walk, Precision::F64) => &[16 * CHUNK, 48 * CHUNK, 96 * CHUNK],
-        (AzimuthMode::Walk, _) => &[16 * CHUNK, 48 * CHUNK, 144 * CHUNK],
+        (AzimuthMode::Space, Precision::F64) => &[16 * CHUNK, 48 * CHUNK, 96 * CHUNK],
+        (AzimuthMode::Space, _) => &[16 * CHUNK, 48 * CHUNK, 144 * CHUNK],
     }
 }
 
@@ -118,7 +118,7 @@ fn path_counts(azimuth: AzimuthMode, precision: Precision) -> &'static [u64] {
 /// A recipe that doubling cannot solve finely enough to be the truth.
 pub fn run(recipe: &Recipe, incident_deg: &[f64], say: &dyn Fn(&str)) -> Result<Study, BakeError> {
     let mut points = Vec::new();
-    for azimuth in [AzimuthMode::Decay, AzimuthMode::Walk] {
+    for azimuth in [AzimuthMode::Decay, AzimuthMode::Space] {
         let bench = Bench::new(recipe, incident_deg, azimuth, say)?;
         for target in DOUBLING_TARGETS {
             say(&format!("{azimuth:?}: doubling for {target:.0e}"));
@@ -242,7 +242,7 @@ impl Bench {
 
 /// The recipe's effects without interference colours, which cost the same with every solver.
 fn lobe_effects(recipe: &Recipe) -> EffectSet {
-    crate::bake::effects_of(recipe).without(Effect::Coherent).without(Effect::Illuminant)
+    crate::bake::effects_of(recipe).without(Effect::Coherent).without(Effect::Emission)
 }
 
 fn request(recipe: &Recipe, incident_deg: &[f64], azimuth: AzimuthMode) -> Request {
@@ -277,7 +277,7 @@ fn median(values: &mut [f64]) -> f64 {
 
 fn slopes(points: &[Point]) -> Vec<Slope> {
     let mut slopes = Vec::new();
-    for azimuth in [AzimuthMode::Decay, AzimuthMode::Walk] {
+    for azimuth in [AzimuthMode::Decay, AzimuthMode::Space] {
         for contender in [Contender::WalkF32, Contender::WalkF64] {
             let line: Vec<(f64, f64)> = points
                 .iter()
@@ -325,10 +325,10 @@ fn effects(recipe: &Recipe) -> Result<Vec<EffectCost>, BakeError> {
     absorbing.effects = lobe_effects(&absorbing.recipe);
     let mut visible = base.clone();
     visible.recipe.facets.normals = transport::Normals::Visible;
-    let space = request(recipe, &[30.0], AzimuthMode::Walk);
+    let space = request(recipe, &[30.0], AzimuthMode::Space);
     let double = Request { precision: Precision::F64, ..base.clone() };
     [
-        ("azimuth:walk", space),
+        ("azimuth:space", space),
         ("absorption", absorbing),
         ("visible normals", visible),
         ("64-bit geometry", double),

@@ -44,7 +44,7 @@ fn the_ledger_closes_for_every_kind_of_stack() {
         r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":25}}"#,
         r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":0}}"#,
     ] {
-        for mode in ["decay", "walk"] {
+        for mode in ["decay", "space"] {
             let args = ["--paths", "2000", "--incident-deg", "0,30,89.9,90", "--azimuth", mode];
             for row in &bake_recipe(text, &args).meta.per_incidence {
                 let sum = row.albedo + row.transmitted + row.absorbed + row.truncated;
@@ -99,7 +99,7 @@ fn an_incidence_does_not_know_its_neighbours() {
 
 #[test]
 fn the_reader_returns_the_walks_albedo_and_normal_incidence_has_no_azimuth() {
-    for mode in ["decay", "walk"] {
+    for mode in ["decay", "space"] {
         let table =
             bake_recipe("{}", &["--paths", "20000", "--incident-deg", "0,30,60,85", "--azimuth", mode]);
         let reader = Interpolant::new(table.clone());
@@ -153,7 +153,7 @@ fn error_half_way(table: &Table, args: &[&str]) -> f64 {
 #[test]
 fn the_stored_interpolation_error_is_what_reading_half_way_misses() {
     for (mode, incidences) in
-        [("decay", "0:80:20"), ("decay", "0:90:5"), ("walk", "0:80:20"), ("walk", "20,30,60")]
+        [("decay", "0:80:20"), ("decay", "0:90:5"), ("space", "0:80:20"), ("space", "20,30,60")]
     {
         let exact = ["--azimuth", mode, "--solver", "doubling", "--accuracy", "0.1"];
         let stored = |table: &Table| table.meta.accuracy.interpolation_percent;
@@ -377,7 +377,7 @@ fn a_table_is_reproduced_bit_for_bit_from_its_metadata_and_a_changed_one_is_not(
     for args in [
         &["--paths", "9000"][..],
         &["--accuracy", "5"],
-        &["--time-budget", "0.3", "--azimuth", "walk"],
+        &["--time-budget", "0.3", "--azimuth", "space"],
         &["--solver", "doubling", "--accuracy", "1"],
         &["--effects", "surface", "--paths", "9000"],
         &["--effects", "body"],
@@ -400,7 +400,7 @@ fn a_table_is_reproduced_bit_for_bit_from_its_metadata_and_a_changed_one_is_not(
 
 #[test]
 fn both_solvers_write_the_same_lobe() {
-    for mode in ["decay", "walk"] {
+    for mode in ["decay", "space"] {
         let args = ["--incident-deg", "0,30,60,85", "--azimuth", mode];
         let walked = bake_recipe("{}", &[&args[..], &["--paths", "200000"]].concat());
         let solved = bake_recipe("{}", &[&args[..], &["--solver", "doubling", "--accuracy", "0.1"]].concat());
@@ -467,7 +467,7 @@ fn effects_that_cannot_be_baked_are_refused_in_one_line() {
     for (list, said) in [
         ("glitter", "--effects: \"glitter\" is no effect; expected all, or a list of surface, blur"),
         ("blur,,body", "--effects: \"\" is no effect"),
-        ("azimuth:flat", "--effects: azimuth:flat is no azimuth; expected azimuth:decay or azimuth:walk"),
+        ("azimuth:flat", "--effects: azimuth:flat is no azimuth; expected azimuth:decay or azimuth:space"),
     ] {
         let output = tool(folder.path(), &["--effects", list]);
         let line = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -477,11 +477,11 @@ fn effects_that_cannot_be_baked_are_refused_in_one_line() {
     assert_eq!(std::fs::read_dir(folder.path()).expect("the folder reads").count(), 0);
 }
 
-/// (has a modulation, has an illuminant).
+/// (has a modulation, has an emission).
 fn colours(table: &Table) -> (bool, bool) {
     lut_io::spectra::Spectra::of(&table.meta)
         .expect("the section is valid")
-        .map_or((false, false), |spectra| (spectra.coherent.is_some(), spectra.illuminant.is_some()))
+        .map_or((false, false), |spectra| (spectra.coherent.is_some(), spectra.emission.is_some()))
 }
 
 #[test]
@@ -496,7 +496,7 @@ fn each_interference_colour_is_in_the_file_exactly_when_it_is_called_for() {
         let table = look(depth, coherence);
         assert_eq!(colours(&table), (coherence > 0.0, depth > 0.0), "{depth} {coherence}");
         let named = |name: &str| table.meta.effects.iter().any(|effect| effect == name);
-        assert_eq!((named("coherent"), named("illuminant")), colours(&table));
+        assert_eq!((named("coherent"), named("emission")), colours(&table));
     }
     let listed = |list: &str| {
         let listed = [&args[..], &["--effects", list]].concat();
@@ -504,7 +504,7 @@ fn each_interference_colour_is_in_the_file_exactly_when_it_is_called_for() {
     };
     assert_eq!(listed("blur"), (false, false));
     assert_eq!(listed("blur,coherent"), (true, false));
-    assert_eq!(listed("illuminant,body"), (false, true));
+    assert_eq!(listed("emission,body"), (false, true));
 }
 
 /// n of the aragonite is negative at the violet end: there is a walk at 550 nm and no colour.
@@ -516,14 +516,13 @@ fn a_stack_without_colours_bakes_with_the_reason_or_is_refused_by_name() {
     let table = bake_recipe(NO_VIOLET, &args);
     assert_eq!(colours(&table), (false, false));
     let missing = &table.meta.extra["spectra_missing"];
-    for effect in ["coherent", "illuminant"] {
+    for effect in ["coherent", "emission"] {
         assert!(missing[effect].as_str().is_some_and(|why| why.contains("380")), "{missing}");
         assert!(!table.meta.effects.iter().any(|name| name == effect));
     }
     let folder = folder();
     write_recipe(folder.path(), NO_VIOLET);
-    for further in [&["--effects", "blur,coherent"][..], &["--effects", "blur,illuminant", "--shard", "1/2"]]
-    {
+    for further in [&["--effects", "blur,coherent"][..], &["--effects", "blur,emission", "--shard", "1/2"]] {
         let output = tool(folder.path(), &[&["recipe.json"], &args[..], further].concat());
         let line = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(2), "{line}");

@@ -37,7 +37,7 @@ fn on(effects: &Value) -> String {
     assert_eq!(effects.len(), 12, "every effect is named");
     let mut names: Vec<&str> =
         effects.iter().filter(|(_, effect)| effect["on"] == true).map(|(name, _)| name.as_str()).collect();
-    let order = "surface blur azimuth polarisation absorption dispersion coherent coherent_sheets illuminant irregularity body texture";
+    let order = "surface blur azimuth polarisation absorption dispersion coherent coherent_sheets emission irregularity body texture";
     names.sort_by_key(|name| order.split(' ').position(|known| known == *name));
     names.join(" ")
 }
@@ -79,7 +79,7 @@ fn a_reason_names_the_line_of_the_scene() {
         .lines()
         .position(|l| l.contains("\"depth\""))
         .expect("set");
-    let why = plan["pearls"][0]["effects"]["illuminant"]["why"].as_str().expect("a reason");
+    let why = plan["pearls"][0]["effects"]["emission"]["why"].as_str().expect("a reason");
     assert!(why.starts_with("depth 0 (") && why.ends_with(&format!("grey-pearl.xml:{line})")), "{why}");
     let text = tool(folder.path(), &[&["plan", "--scene", &path], &COARSE[..]].concat()).stdout;
     assert!(String::from_utf8_lossy(&text).contains(why), "the table says the same");

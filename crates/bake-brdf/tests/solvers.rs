@@ -27,7 +27,7 @@ const SMOOTH: [&str; 2] = [
 #[test]
 fn smooth_interfaces_are_solved_in_closed_form_as_they_are_walked() {
     for recipe in SMOOTH {
-        for azimuth in ["decay", "walk"] {
+        for azimuth in ["decay", "space"] {
             let common = ["--azimuth", azimuth, "--incident-deg", "0,30,60,85,90"];
             let (solved, _) = bake(recipe, &[&common[..], &["--solver", "doubling"]].concat());
             let (walked, _) = bake(recipe, &[&common[..], &["--paths", "40000"]].concat());
@@ -107,7 +107,7 @@ fn both_sides_are_stored_whole() {
 #[test]
 fn light_from_below_meets_the_stack_upside_down() {
     let sides =
-        ["--solver", "doubling", "--incident-deg", "0,40,80", "--accuracy", "0.1", "--azimuth", "walk"];
+        ["--solver", "doubling", "--incident-deg", "0,40,80", "--accuracy", "0.1", "--azimuth", "space"];
     let stack = |ambient: f64, substrate: f64, first: f64, last: f64| {
         format!(
             r#"{{"stack":{{"layers":2,"ambient":{{"n":{ambient}}},"aragonite":{{"n":{first}}},"conchiolin":{{"n":{last}}},
@@ -149,7 +149,7 @@ fn auto_chooses_by_the_request_and_says_why() {
         ("{}", &["--accuracy", "0.5"][..], Solver::Doubling),
         (r#"{"facets":{"slope_sd_deg":0}}"#, &one, Solver::Doubling),
         // Lobes too narrow for doubling in space, and nothing to walk through.
-        (narrow, &["--azimuth", "walk", "--incident-deg", "30", "--accuracy", "10"], Solver::Walk),
+        (narrow, &["--azimuth", "space", "--incident-deg", "30", "--accuracy", "10"], Solver::Walk),
         ("{}", &["--paths", "5000", "--incident-deg", "30"], Solver::Walk),
     ] {
         let (solver, reason) = chosen(recipe, args);

@@ -224,6 +224,6 @@ fn metadata_that_claim_too_much_or_do_not_fit_are_refused_with_their_field() {
         })
         .collect();
     // Over what its bytes could vouch for, under what a table may have.
-    let flaw = many.expand().unwrap_err();
-    assert!(flaw.field == "compact" && flaw.problem.contains("at most"), "{flaw}");
+    let error = many.expand().unwrap_err();
+    assert!(error.field == "compact" && error.problem.contains("at most"), "{error}");
 }

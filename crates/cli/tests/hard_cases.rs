@@ -840,10 +840,10 @@ fn naive_sums_lose_paths_that_ours_keep() {
 fn tables_of_hard_stacks_keep_what_every_table_keeps() {
     let stacks = [
         r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":0}}"#,
-        r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":0},"azimuth":{"mode":"walk"}}"#,
+        r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":0},"azimuth":{"mode":"space"}}"#,
         r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":1e-6}}"#,
-        r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":25},"azimuth":{"mode":"walk"}}"#,
-        r#"{"stack":{"layers":3},"azimuth":{"mode":"walk"}}"#,
+        r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":25},"azimuth":{"mode":"space"}}"#,
+        r#"{"stack":{"layers":3},"azimuth":{"mode":"space"}}"#,
         r#"{"stack":{"conchiolin":{"n":1.5300000015}}}"#,
         r#"{"stack":{"layers":50,"aragonite":{"n":0.9},"conchiolin":{"n":0.8},"substrate":{"n":1.0}}}"#,
         r#"{"stack":{"layers":4,"ambient":{"n":1.9},"aragonite":{"n":1.2},"conchiolin":{"n":1.0},"substrate":{"n":1.0}}}"#,

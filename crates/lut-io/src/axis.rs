@@ -111,7 +111,7 @@ pub enum ExitAxis {
         /// Stretch width w, radians.
         width: f64,
     },
-    /// Walk tables: `phi_cells` image rows per θi (φ ascending from 0 to 180°), columns over θo ∈ [0°, 90°].
+    /// Space tables: `phi_cells` image rows per θi (φ ascending from 0 to 180°), columns over θo ∈ [0°, 90°].
     Space {
         /// Number of θo cells (columns), even.
         theta_cells: usize,

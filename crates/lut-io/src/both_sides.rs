@@ -5,7 +5,7 @@
 
 use crate::axis::ExitAxis;
 use crate::decay;
-use crate::error::Flaw;
+use crate::error::FieldError;
 use crate::measure;
 use crate::table::{Meta, Table};
 use serde::{Deserialize, Serialize};
@@ -86,7 +86,7 @@ pub struct FromBelow {
     pub transmitted: f64,
     /// Share that the layers absorb.
     pub absorbed: f64,
-    /// w of the decay postulate of each lobe, degrees (0 in walk tables).
+    /// w of the decay postulate of each lobe, degrees (0 in space tables).
     pub azimuth_width_deg: PerPassage,
     /// Estimated total variation of each lobe, per cent of its light.
     pub accuracy_percent: PerPassage,
@@ -109,7 +109,7 @@ impl BothSides {
     ///
     /// # Errors
     /// The section is there and is not valid.
-    pub fn of(meta: &Meta) -> Result<Option<Self>, Flaw> {
+    pub fn of(meta: &Meta) -> Result<Option<Self>, FieldError> {
         let Some(section) = meta.section::<Self>(KEY)? else { return Ok(None) };
         section.validate(meta)?;
         Ok(Some(section))
@@ -119,7 +119,7 @@ impl BothSides {
     ///
     /// # Errors
     /// The section is not valid.
-    pub fn store(&self, meta: &mut Meta) -> Result<(), Flaw> {
+    pub fn store(&self, meta: &mut Meta) -> Result<(), FieldError> {
         self.validate(meta)?;
         meta.put_section(KEY, self)
     }
@@ -147,10 +147,10 @@ impl BothSides {
         each.map(|weight| weight as f32).collect()
     }
 
-    fn validate(&self, meta: &Meta) -> Result<(), Flaw> {
+    fn validate(&self, meta: &Meta) -> Result<(), FieldError> {
         for (name, n) in [("n_ambient", self.n_ambient), ("n_substrate", self.n_substrate)] {
             if !(n.is_finite() && n > 0.0) {
-                return Err(Flaw::new(
+                return Err(FieldError::new(
                     format!("{KEY}.{name}"),
                     format!("is {n}, expected a positive number"),
                 ));
@@ -159,13 +159,13 @@ impl BothSides {
         let (found, expected) = (self.from_below.len(), meta.per_incidence.len());
         if found != expected {
             let problem = format!("has {found} entries, expected {expected}, one for each of per_incidence");
-            return Err(Flaw::new(format!("{KEY}.from_below"), problem));
+            return Err(FieldError::new(format!("{KEY}.from_below"), problem));
         }
         for (i, (below, above)) in self.from_below.iter().zip(&meta.per_incidence).enumerate() {
             let at = |name: &str| format!("{KEY}.from_below[{i}].{name}");
             if below.theta_i_deg.to_bits() != above.theta_i_deg.to_bits() {
                 let problem = format!("is {}, expected {}", below.theta_i_deg, above.theta_i_deg);
-                return Err(Flaw::new(at("theta_i_deg"), problem));
+                return Err(FieldError::new(at("theta_i_deg"), problem));
             }
             // Shares are sums of many roundings; beyond 1e-6 it is not rounding any more.
             for (name, value) in [
@@ -174,7 +174,10 @@ impl BothSides {
                 ("absorbed", below.absorbed),
             ] {
                 if !(-1e-6..=1.0 + 1e-6).contains(&value) {
-                    return Err(Flaw::new(at(name), format!("is {value}, expected a share from 0 to 1")));
+                    return Err(FieldError::new(
+                        at(name),
+                        format!("is {value}, expected a share from 0 to 1"),
+                    ));
                 }
             }
             for passage in Passage::ALL {
@@ -183,11 +186,17 @@ impl BothSides {
                 let least = if meta.exit_axis.rows_per_incidence() == 1 { 1e-6 } else { 0.0 };
                 if !(least..=1e6).contains(&width) {
                     let problem = format!("is {width}, expected a width in degrees from {least} to 1e6");
-                    return Err(Flaw::new(at(&format!("azimuth_width_deg.{}", passage.name())), problem));
+                    return Err(FieldError::new(
+                        at(&format!("azimuth_width_deg.{}", passage.name())),
+                        problem,
+                    ));
                 }
                 if !(accuracy.is_finite() && accuracy >= 0.0) {
                     let problem = format!("is {accuracy}, expected a number ≥ 0");
-                    return Err(Flaw::new(at(&format!("accuracy_percent.{}", passage.name())), problem));
+                    return Err(FieldError::new(
+                        at(&format!("accuracy_percent.{}", passage.name())),
+                        problem,
+                    ));
                 }
             }
         }
@@ -212,18 +221,23 @@ pub struct PassageSlice {
 ///
 /// # Errors
 /// The table has no second side, or no such incidence.
-pub fn slice(table: &Table, passage: Passage, theta_i_deg: f64, phi_deg: f64) -> Result<PassageSlice, Flaw> {
+pub fn slice(
+    table: &Table,
+    passage: Passage,
+    theta_i_deg: f64,
+    phi_deg: f64,
+) -> Result<PassageSlice, FieldError> {
     let (Some(section), Some(lobes)) = (BothSides::of(&table.meta)?, &table.passages) else {
         let problem = "is not in this table, expected one baked with --both-sides";
-        return Err(Flaw::new(format!("lobe {}", passage.name()), problem));
+        return Err(FieldError::new(format!("lobe {}", passage.name()), problem));
     };
     let near = |below: &FromBelow| (below.theta_i_deg - theta_i_deg).abs() <= SAME_INCIDENCE_DEG;
     let Some(incidence) = section.from_below.iter().position(near) else {
         let problem = format!("is {theta_i_deg}, expected a stored incidence: {}", section.angles());
-        return Err(Flaw::new("--theta-i", problem));
+        return Err(FieldError::new("--theta-i", problem));
     };
     if !(-180.0..=180.0).contains(&phi_deg) {
-        return Err(Flaw::new("--phi", format!("is {phi_deg}, expected -180 to 180")));
+        return Err(FieldError::new("--phi", format!("is {phi_deg}, expected -180 to 180")));
     }
     let below = &section.from_below[incidence];
     let axis = &table.meta.exit_axis;

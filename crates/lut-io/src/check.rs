@@ -3,7 +3,7 @@
 use crate::axis::ExitAxis;
 use crate::compact;
 use crate::diff;
-use crate::error::Flaw;
+use crate::error::FieldError;
 use crate::lobe::Interpolant;
 use crate::measure;
 use crate::reciprocal;
@@ -391,8 +391,8 @@ pub struct Honesty {
 /// paths the expectation is exactly 1 at any count: given n paths in both, each table has n/2 ± √n/2.
 ///
 /// # Errors
-/// Tables that say nothing about each other's errors; the flaw names what differs (or does not).
-pub fn honesty(a: &Table, b: &Table) -> Result<Vec<Honesty>, Flaw> {
+/// Tables that say nothing about each other's errors; the error names what differs (or does not).
+pub fn honesty(a: &Table, b: &Table) -> Result<Vec<Honesty>, FieldError> {
     comparable(a, b)?;
     let mut found = Vec::new();
     for component in [Component::Interior, Component::Surface] {
@@ -446,8 +446,8 @@ impl Honesty {
     }
 }
 
-fn comparable(a: &Table, b: &Table) -> Result<(), Flaw> {
-    let refuse = |field: &str, problem: &str| Err(Flaw::new(field, problem));
+fn comparable(a: &Table, b: &Table) -> Result<(), FieldError> {
+    let refuse = |field: &str, problem: &str| Err(FieldError::new(field, problem));
     let incidences =
         |table: &Table| table.meta.per_incidence.iter().map(|s| s.theta_i_deg).collect::<Vec<f64>>();
     if a.meta.solver != Solver::Walk || b.meta.solver != Solver::Walk {

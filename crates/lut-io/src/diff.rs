@@ -165,7 +165,7 @@ fn shares(a: &Interpolant, b: &Interpolant, i: usize, other: Option<usize>) -> V
         .collect()
 }
 
-/// By the cells and weights of a walk table if there is one, which know φ, else by those of the first table.
+/// By the cells and weights of a space table if there is one, which know φ, else by those of the first table.
 fn total_variation_percent(a: &Interpolant, b: &Interpolant, row_a: &Row<'_>, row_b: &Row<'_>) -> f64 {
     let space = |lobe: &Interpolant| matches!(lobe.table().meta.exit_axis, ExitAxis::Space { .. });
     let (grid, row) = if !space(a) && space(b) { (b, row_b) } else { (a, row_a) };

@@ -4,7 +4,7 @@
 //! the bake was asked for the effect `dispersion`, the same incidences and cells are stored once more for each further
 //! band. Between bands a lobe is read linearly in wavelength, beyond the first and the last band it is that band's.
 
-use crate::error::Flaw;
+use crate::error::FieldError;
 use crate::spectra::Spectra;
 use crate::table::{Accuracy, IncidenceSummary, Lobe, Meta, SurfaceModel, Table};
 use serde::{Deserialize, Serialize};
@@ -51,7 +51,7 @@ impl Dispersion {
     ///
     /// # Errors
     /// The section is there and is not valid.
-    pub fn of(meta: &Meta) -> Result<Option<Self>, Flaw> {
+    pub fn of(meta: &Meta) -> Result<Option<Self>, FieldError> {
         let Some(section) = meta.section::<Self>(KEY)? else { return Ok(None) };
         section.validate(meta)?;
         Ok(Some(section))
@@ -61,16 +61,16 @@ impl Dispersion {
     ///
     /// # Errors
     /// The section is not valid.
-    pub fn store(&self, meta: &mut Meta) -> Result<(), Flaw> {
+    pub fn store(&self, meta: &mut Meta) -> Result<(), FieldError> {
         self.validate(meta)?;
         meta.put_section(KEY, self)
     }
 
-    fn validate(&self, meta: &Meta) -> Result<(), Flaw> {
+    fn validate(&self, meta: &Meta) -> Result<(), FieldError> {
         let count = self.bands.len();
         if !(1..=MOST_BANDS).contains(&count) {
             let problem = format!("has {count} entries, expected 1 to {MOST_BANDS}");
-            return Err(Flaw::new(format!("{KEY}.bands"), problem));
+            return Err(FieldError::new(format!("{KEY}.bands"), problem));
         }
         if self.rgb_weights.len() != count + 1 {
             let problem = format!(
@@ -78,7 +78,7 @@ impl Dispersion {
                 self.rgb_weights.len(),
                 count + 1
             );
-            return Err(Flaw::new(format!("{KEY}.rgb_weights"), problem));
+            return Err(FieldError::new(format!("{KEY}.rgb_weights"), problem));
         }
         // sRGB's negative parts stay well within this.
         const LARGEST_WEIGHT: f64 = 16.0;
@@ -86,15 +86,17 @@ impl Dispersion {
             self.rgb_weights.iter().flatten().find(|w| w.is_nan() || w.abs() > LARGEST_WEIGHT)
         {
             let problem = format!("has {weight}, expected numbers up to {LARGEST_WEIGHT}");
-            return Err(Flaw::new(format!("{KEY}.rgb_weights"), problem));
+            return Err(FieldError::new(format!("{KEY}.rgb_weights"), problem));
         }
         if !(self.interpolation_percent >= 0.0 && self.interpolation_percent.is_finite()) {
             let problem = format!("is {}, expected a number ≥ 0", self.interpolation_percent);
-            return Err(Flaw::new(format!("{KEY}.interpolation_percent"), problem));
+            return Err(FieldError::new(format!("{KEY}.interpolation_percent"), problem));
         }
         let mut before = 0.0;
         for (i, band) in self.bands.iter().enumerate() {
-            let within = |flaw: Flaw| Flaw::new(format!("{KEY}.bands[{i}].{}", flaw.field), flaw.problem);
+            let within = |error: FieldError| {
+                FieldError::new(format!("{KEY}.bands[{i}].{}", error.field), error.problem)
+            };
             if band.wavelength_nm.is_nan()
                 || band.wavelength_nm <= before
                 || band.wavelength_nm == meta.wavelength_nm
@@ -103,7 +105,7 @@ impl Dispersion {
                     "is {}, expected wavelengths that ascend and are not the table's own",
                     band.wavelength_nm
                 );
-                return Err(Flaw::new(format!("{KEY}.bands[{i}].wavelength_nm"), problem));
+                return Err(FieldError::new(format!("{KEY}.bands[{i}].wavelength_nm"), problem));
             }
             before = band.wavelength_nm;
             let angles = |rows: &[IncidenceSummary]| -> Vec<u64> {
@@ -111,11 +113,11 @@ impl Dispersion {
             };
             if angles(&band.per_incidence) != angles(&meta.per_incidence) {
                 let problem = "has other incidences than per_incidence of the table";
-                return Err(Flaw::new(format!("{KEY}.bands[{i}].per_incidence"), problem));
+                return Err(FieldError::new(format!("{KEY}.bands[{i}].per_incidence"), problem));
             }
             if band.incoherent.iter().flatten().any(|r| !(f64::MIN_POSITIVE..=1.0).contains(r)) {
                 let problem = "has a number that is no reflectance, expected more than 0 and at most 1";
-                return Err(Flaw::new(format!("{KEY}.bands[{i}].incoherent"), problem));
+                return Err(FieldError::new(format!("{KEY}.bands[{i}].incoherent"), problem));
             }
             band.alone(meta).validate().map_err(within)?;
         }
@@ -125,13 +127,16 @@ impl Dispersion {
 
 impl Band {
     /// The colours of a table with M relative to this band's R_incoherent.
-    fn recoloured(&self, spectra: &Spectra) -> Result<Spectra, Flaw> {
+    fn recoloured(&self, spectra: &Spectra) -> Result<Spectra, FieldError> {
         let mut spectra = spectra.clone();
         let Some(coherent) = &mut spectra.coherent else { return Ok(spectra) };
         let count = coherent.theta_deg.len();
         let Some(own) = self.incoherent.as_ref().filter(|own| own.len() == count) else {
             let problem = format!("is missing or not of the {count} angles of spectra.coherent");
-            return Err(Flaw::new(format!("{KEY}.bands.incoherent at {} nm", self.wavelength_nm), problem));
+            return Err(FieldError::new(
+                format!("{KEY}.bands.incoherent at {} nm", self.wavelength_nm),
+                problem,
+            ));
         };
         for (i, own) in own.iter().enumerate() {
             let factor = coherent.incoherent[i] / own;
@@ -175,7 +180,7 @@ impl Table {
     ///
     /// # Errors
     /// The section `dispersion` is not valid, or does not fit the channels.
-    pub fn further_bands(&self) -> Result<Vec<Self>, Flaw> {
+    pub fn further_bands(&self) -> Result<Vec<Self>, FieldError> {
         let Some(section) = Dispersion::of(&self.meta)? else { return Ok(Vec::new()) };
         self.check_bands(Some(&section))?;
         let spectra = Spectra::of(&self.meta)?;
@@ -207,7 +212,7 @@ impl Table {
         further: Vec<Self>,
         rgb_weights: Vec<[f64; 3]>,
         interpolation_percent: f64,
-    ) -> Result<(), Flaw> {
+    ) -> Result<(), FieldError> {
         if further.is_empty() {
             return Ok(());
         }
@@ -229,13 +234,13 @@ impl Table {
         section.store(&mut self.meta)
     }
 
-    pub(crate) fn check_bands(&self, section: Option<&Dispersion>) -> Result<(), Flaw> {
+    pub(crate) fn check_bands(&self, section: Option<&Dispersion>) -> Result<(), FieldError> {
         let (found, expected) = (self.bands.len(), section.map_or(0, |section| section.bands.len()));
         if found == expected {
             return Ok(());
         }
         let problem = format!("names {expected} further bands, but there are channels of {found}");
-        Err(Flaw::new(KEY, problem))
+        Err(FieldError::new(KEY, problem))
     }
 }
 

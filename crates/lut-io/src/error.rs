@@ -6,15 +6,15 @@ use std::path::{Path, PathBuf};
 /// One thing that is wrong with a table: where, and what would be right.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{field}: {problem}")]
-pub struct Flaw {
+pub struct FieldError {
     /// The offending field, channel or attribute (`per_incidence[3].albedo`, `channel interior`, …).
     pub field: String,
     /// The value found and what would be right.
     pub problem: String,
 }
 
-impl Flaw {
-    /// A flaw of `field`.
+impl FieldError {
+    /// A error of `field`.
     pub fn new(field: impl Into<String>, problem: impl Into<String>) -> Self {
         Self { field: field.into(), problem: problem.into() }
     }
@@ -35,12 +35,12 @@ pub enum LutError {
         source: io::Error,
     },
     /// The file is not a table, is damaged, or the table to be written is not valid.
-    #[error("{}: {flaw}", path.display())]
+    #[error("{}: {error}", path.display())]
     Invalid {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
-        flaw: Flaw,
+        error: FieldError,
     },
 }
 
@@ -49,8 +49,8 @@ impl LutError {
         Self::Io { path: path.to_owned(), action, source }
     }
 
-    pub(crate) fn invalid(path: &Path, flaw: Flaw) -> Self {
-        Self::Invalid { path: path.to_owned(), flaw }
+    pub(crate) fn invalid(path: &Path, error: FieldError) -> Self {
+        Self::Invalid { path: path.to_owned(), error }
     }
 
     /// Whether the fault lies in what the caller named (a bad or missing file) rather than in the machine.

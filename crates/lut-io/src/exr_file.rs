@@ -12,7 +12,7 @@ use crate::both_sides::{BothSides, Passage};
 use crate::compact::packing::{self, Packed};
 use crate::compact::{self, COMPACT_SCHEMA, Compact, Form};
 use crate::dispersion::{self, Bands, Dispersion};
-use crate::error::{Flaw, LutError, READING};
+use crate::error::{FieldError, LutError, READING};
 use crate::measure;
 use crate::table::{Component, Lobe, Meta, Table};
 use exr::block::UncompressedBlock;
@@ -40,7 +40,7 @@ pub const MAX_META_BYTES: usize = 16 << 20;
 /// The table is not valid ([`Table::validate`]), its metadata hold a NaN or an infinity, or the operating
 /// system refuses.
 pub fn write(table: &Table, path: &Path) -> Result<(), LutError> {
-    let bytes = encode(table).map_err(|flaw| LutError::invalid(path, flaw))?;
+    let bytes = encode(table).map_err(|error| LutError::invalid(path, error))?;
     atomic::write(path, &bytes).map_err(|error| LutError::io(path, "write the file", error))
 }
 
@@ -50,14 +50,14 @@ pub fn write(table: &Table, path: &Path) -> Result<(), LutError> {
 /// One line naming the file, the field, the value found and what would be right.
 pub fn read(path: &Path) -> Result<Table, LutError> {
     let bytes = read_bounded(path)?;
-    decode(&bytes).map_err(|flaw| LutError::invalid(path, flaw))
+    decode(&bytes).map_err(|error| LutError::invalid(path, error))
 }
 
 /// The bytes of the file of a table.
 ///
 /// # Errors
 /// As [`write()`], short of the operating system.
-pub fn encode(table: &Table) -> Result<Vec<u8>, Flaw> {
+pub fn encode(table: &Table) -> Result<Vec<u8>, FieldError> {
     table.validate()?;
     let text = meta_to_ascii(&table.meta)?;
     let channels = channels(table)
@@ -71,7 +71,7 @@ pub fn encode(table: &Table) -> Result<Vec<u8>, Flaw> {
 ///
 /// # Errors
 /// It does not expand to a valid table, or its metadata hold a NaN or an infinity.
-pub fn encode_compact(compact: &Compact) -> Result<Vec<u8>, Flaw> {
+pub fn encode_compact(compact: &Compact) -> Result<Vec<u8>, FieldError> {
     let half = matches!(compact.section()?.form, Form::Half { .. });
     compact.clone().expand()?;
     let text = packing::pack(COMPACT_SCHEMA, &meta_to_ascii(&compact.meta)?)?;
@@ -91,7 +91,7 @@ fn image(
     text: &str,
     size: (usize, usize),
     channels: SmallVec<[AnyChannel<FlatSamples>; 4]>,
-) -> Result<Vec<u8>, Flaw> {
+) -> Result<Vec<u8>, FieldError> {
     let mut attributes = LayerAttributes::default();
     // One attribute only: the exr crate writes several in hash order, which is not reproducible.
     attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(text)));
@@ -106,15 +106,15 @@ fn image(
         .write()
         .non_parallel()
         .to_buffered(&mut bytes)
-        .map_err(|error| Flaw::new("OpenEXR", error.to_string()))?;
+        .map_err(|error| FieldError::new("OpenEXR", error.to_string()))?;
     Ok(bytes.into_inner())
 }
 
 /// The table in the bytes of a file.
 ///
 /// # Errors
-/// The first flaw found; no input makes it panic or allocate more than the bytes can back.
-pub fn decode(bytes: &[u8]) -> Result<Table, Flaw> {
+/// The first error found; no input makes it panic or allocate more than the bytes can back.
+pub fn decode(bytes: &[u8]) -> Result<Table, FieldError> {
     let header = header::parse(bytes)?;
     if schema_of(header.pearl)?.starts_with(COMPACT_SCHEMA) {
         return decode_compact(&header, bytes)?.expand();
@@ -132,9 +132,10 @@ pub fn decode(bytes: &[u8]) -> Result<Table, Flaw> {
     Ok(table)
 }
 
-fn decode_compact(header: &Header<'_>, bytes: &[u8]) -> Result<Compact, Flaw> {
-    let packed: Packed = serde_json::from_slice(header.pearl)
-        .map_err(|error| Flaw::new(format!("attribute {ATTRIBUTE}"), format!("is not its JSON: {error}")))?;
+fn decode_compact(header: &Header<'_>, bytes: &[u8]) -> Result<Compact, FieldError> {
+    let packed: Packed = serde_json::from_slice(header.pearl).map_err(|error| {
+        FieldError::new(format!("attribute {ATTRIBUTE}"), format!("is not its JSON: {error}"))
+    })?;
     let meta = meta_from_ascii(&packing::unpack(&packed.packed)?)?;
     let size = compact::image_size(&meta)?;
     let half = matches!(compact::section_of(&meta)?.form, Form::Half { .. });
@@ -164,7 +165,7 @@ fn read_bounded(path: &Path) -> Result<Vec<u8>, LutError> {
     let mut take = |bytes: &mut Vec<u8>, count: u64| io::Read::take(&mut file, count).read_to_end(bytes);
     // Look at the first bytes before believing that the rest is worth reading.
     take(&mut bytes, header::MAX_BYTES as u64).map_err(io_error)?;
-    let header = header::parse(&bytes).map_err(|flaw| LutError::invalid(path, flaw))?;
+    let header = header::parse(&bytes).map_err(|error| LutError::invalid(path, error))?;
     let largest = header.largest_file();
     if largest > bytes.len() as u64 {
         let missing = largest - bytes.len() as u64;
@@ -174,8 +175,8 @@ fn read_bounded(path: &Path) -> Result<Vec<u8>, LutError> {
 }
 
 /// The metadata as ASCII JSON, everything else escaped; refuses what JSON cannot say.
-fn meta_to_ascii(meta: &Meta) -> Result<String, Flaw> {
-    let json = serde_json::to_string(meta).map_err(|error| Flaw::new("metadata", error.to_string()))?;
+fn meta_to_ascii(meta: &Meta) -> Result<String, FieldError> {
+    let json = serde_json::to_string(meta).map_err(|error| FieldError::new("metadata", error.to_string()))?;
     let mut text = String::with_capacity(json.len());
     for character in json.chars() {
         // In JSON text a non-ASCII character can only stand inside a string, where \u is allowed.
@@ -189,11 +190,11 @@ fn meta_to_ascii(meta: &Meta) -> Result<String, Flaw> {
     }
     if text.len() > MAX_META_BYTES {
         let problem = format!("is {} bytes of JSON, expected at most {MAX_META_BYTES}", text.len());
-        return Err(Flaw::new(format!("attribute {ATTRIBUTE}"), problem));
+        return Err(FieldError::new(format!("attribute {ATTRIBUTE}"), problem));
     }
     // serde_json writes NaN and infinities as null: what does not read back the same must not be written.
     if meta_from_ascii(text.as_bytes())? != *meta {
-        return Err(Flaw::new(
+        return Err(FieldError::new(
             format!("attribute {ATTRIBUTE}"),
             "does not survive JSON (a NaN or an infinity?)",
         ));
@@ -207,23 +208,24 @@ struct SchemaOnly {
 }
 
 /// The schema first: a newer table is refused by its name, not by some field that changed since.
-fn schema_of(text: &[u8]) -> Result<String, Flaw> {
-    let SchemaOnly { schema } = serde_json::from_slice(text)
-        .map_err(|error| Flaw::new(format!("attribute {ATTRIBUTE}"), format!("is not its JSON: {error}")))?;
+fn schema_of(text: &[u8]) -> Result<String, FieldError> {
+    let SchemaOnly { schema } = serde_json::from_slice(text).map_err(|error| {
+        FieldError::new(format!("attribute {ATTRIBUTE}"), format!("is not its JSON: {error}"))
+    })?;
     crate::table::check_schema(&schema)?;
     Ok(schema)
 }
 
-fn meta_from_ascii(text: &[u8]) -> Result<Meta, Flaw> {
+fn meta_from_ascii(text: &[u8]) -> Result<Meta, FieldError> {
     let attribute = || format!("attribute {ATTRIBUTE}");
     if let Some(at) = text.iter().position(|byte| !byte.is_ascii()) {
         let problem = format!("has byte 0x{:02x} at {at}, expected ASCII", text[at]);
-        return Err(Flaw::new(attribute(), problem));
+        return Err(FieldError::new(attribute(), problem));
     }
     schema_of(text)?;
     let mut json = serde_json::Deserializer::from_slice(text);
     let meta: Meta = serde_path_to_error::deserialize(&mut json).map_err(|error| {
-        Flaw::new(format!("{} field {}", attribute(), error.path()), error.inner().to_string())
+        FieldError::new(format!("{} field {}", attribute(), error.path()), error.inner().to_string())
     })?;
     meta.validate()?;
     Ok(meta)
@@ -331,7 +333,7 @@ fn channels(table: &Table) -> Vec<(String, Vec<f32>)> {
 }
 
 /// The samples of every channel, in the order of `names` (sorted, as OpenEXR stores channels).
-fn decompress(header: &Header<'_>, names: &[String], blocks: &[&[u8]]) -> Result<Vec<Vec<f32>>, Flaw> {
+fn decompress(header: &Header<'_>, names: &[String], blocks: &[&[u8]]) -> Result<Vec<Vec<f32>>, FieldError> {
     let (width, height) = (header.width, header.height);
     let description = |name: &String| ChannelDescription {
         name: Text::from(name.as_str()),
@@ -357,8 +359,9 @@ fn decompress(header: &Header<'_>, names: &[String], blocks: &[&[u8]]) -> Result
     let mut samples = vec![vec![0f32; width * height]; names.len()];
     for (index, compressed) in blocks.iter().enumerate() {
         let top = index * header.lines_per_block();
-        let damaged =
-            || Flaw::new(format!("image rows from {top}"), "cannot be decompressed: the file is damaged");
+        let damaged = || {
+            FieldError::new(format!("image rows from {top}"), "cannot be decompressed: the file is damaged")
+        };
         let block = CompressedScanLineBlock {
             y_coordinate: i32::try_from(top).map_err(|_| damaged())?,
             compressed_pixels_le: compressed.to_vec(),
@@ -380,7 +383,7 @@ fn decompress(header: &Header<'_>, names: &[String], blocks: &[&[u8]]) -> Result
     Ok(samples)
 }
 
-fn assemble(meta: Meta, names: &[String], mut samples: Vec<Vec<f32>>) -> Result<Table, Flaw> {
+fn assemble(meta: Meta, names: &[String], mut samples: Vec<Vec<f32>>) -> Result<Table, FieldError> {
     let mut take = |name: &str| {
         let at = names.iter().position(|known| known == name);
         at.map(|at| std::mem::take(&mut samples[at])).unwrap_or_default()
@@ -401,7 +404,7 @@ fn assemble(meta: Meta, names: &[String], mut samples: Vec<Vec<f32>>) -> Result<
 }
 
 /// The coordinate channels must say what the axes of the metadata say.
-fn check_coordinates(name: &str, found: &[f32], expected: &[f32]) -> Result<(), Flaw> {
+fn check_coordinates(name: &str, found: &[f32], expected: &[f32]) -> Result<(), FieldError> {
     // Another libm moves a coordinate by an ulp or two of f32, a weight by its quadrature's rounding; 1e-4 of
     // the value is far below one cell and far above that. 1e-5 degrees absolute covers angles near 0.
     let differs = |(a, b): (&f32, &f32)| {
@@ -415,7 +418,7 @@ fn check_coordinates(name: &str, found: &[f32], expected: &[f32]) -> Result<(), 
                 "is {} at cell {at}, expected {} from the axes in attribute {ATTRIBUTE}",
                 found[at], expected[at]
             );
-            Err(Flaw::new(format!("channel {name}"), problem))
+            Err(FieldError::new(format!("channel {name}"), problem))
         }
     }
 }

@@ -26,5 +26,5 @@ pub mod spectra;
 pub mod table;
 pub mod tensor_file;
 
-pub use error::{Flaw, LutError};
+pub use error::{FieldError, LutError};
 pub use table::Table;

@@ -2,7 +2,7 @@
 //!
 //! The rule, in four steps:
 //! 1. A row (one θi) is read piecewise linearly in cell *position* ([`crate::axis`]), values sitting at cell
-//!    centres, constant in the half cells at the two ends; in walk tables bilinearly in (φ, θo) positions.
+//!    centres, constant in the half cells at the two ends; in space tables bilinearly in (φ, θo) positions.
 //! 2. Between two incidences, their rows are mixed linearly in θi *at equal position*, so that the lobes'
 //!    centres and the horizon line up; the axis is that of the θi asked for. Outside the incidences of the table
 //!    the nearest row is used.
@@ -136,7 +136,7 @@ impl Interpolant {
         self.albedo[component as usize].at(theta_i)
     }
 
-    /// w of the decay postulate at θi, radians (0 in walk tables that give none).
+    /// w of the decay postulate at θi, radians (0 in space tables that give none).
     #[must_use]
     pub fn azimuth_width(&self, theta_i: f64) -> f64 {
         let (i, t) = self.node(theta_i);
@@ -194,7 +194,7 @@ impl Row<'_> {
         self.azimuth_width
     }
 
-    /// The exit cells at this incidence: signed angle s (decay tables) or θo (walk tables).
+    /// The exit cells at this incidence: signed angle s (decay tables) or θo (space tables).
     #[must_use]
     pub const fn columns(&self) -> &Stretched {
         &self.columns

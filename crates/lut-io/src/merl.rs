@@ -4,7 +4,7 @@
 //! at the middle of each bin, divided by (1, 1.15, 1.66)/1500. The format knows φd only up to π: it assumes reciprocity.
 //! Bins below the horizon are negative.
 
-use crate::error::{Flaw, LutError, READING};
+use crate::error::{FieldError, LutError, READING};
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::fs::File;
 use std::io::Read as _;
@@ -75,7 +75,7 @@ impl Merl {
     /// As [`Merl::decode`], or the operating system refuses.
     pub fn read(path: &Path) -> Result<Self, LutError> {
         let io = |source| LutError::io(path, READING, source);
-        let invalid = |flaw| LutError::invalid(path, flaw);
+        let invalid = |error| LutError::invalid(path, error);
         let mut file = File::open(path).map_err(io)?;
         let mut bytes = Vec::new();
         (&mut file).take(HEADER as u64).read_to_end(&mut bytes).map_err(io)?;
@@ -89,7 +89,7 @@ impl Merl {
     ///
     /// # Errors
     /// Other bins, a wrong length, a number that is not finite.
-    pub fn decode(bytes: &[u8]) -> Result<Self, Flaw> {
+    pub fn decode(bytes: &[u8]) -> Result<Self, FieldError> {
         Self::decode_bins(BINS, bytes)
     }
 
@@ -97,19 +97,19 @@ impl Merl {
     ///
     /// # Errors
     /// As [`Merl::decode`].
-    pub fn decode_bins(extents: [usize; 3], bytes: &[u8]) -> Result<Self, Flaw> {
+    pub fn decode_bins(extents: [usize; 3], bytes: &[u8]) -> Result<Self, FieldError> {
         let body = check_header(bytes, extents)?;
         let expected = body_bytes(extents);
         if body.len() != expected {
             let length = if body.len() > expected { "longer" } else { "cut short" };
             let problem = format!("is {length}: {} bytes follow the header, expected {expected}", body.len());
-            return Err(Flaw::new("file", problem));
+            return Err(FieldError::new("file", problem));
         }
         let numbers = body.as_chunks().0;
         let number = |at: usize| f64::from_le_bytes(numbers[at]);
         if let Some(at) = (0..numbers.len()).find(|at| !number(*at).is_finite()) {
             let problem = format!("is {}, expected a finite number", number(at));
-            return Err(Flaw::new(format!("value {at}"), problem));
+            return Err(FieldError::new(format!("value {at}"), problem));
         }
         let count = numbers.len() / 3;
         let bin = |i: usize| {
@@ -126,12 +126,12 @@ fn body_bytes(extents: [usize; 3]) -> usize {
 }
 
 /// What follows a header of these bins.
-fn check_header(bytes: &[u8], extents: [usize; 3]) -> Result<&[u8], Flaw> {
+fn check_header(bytes: &[u8], extents: [usize; 3]) -> Result<&[u8], FieldError> {
     let (header, body) =
-        bytes.split_first_chunk::<HEADER>().ok_or_else(|| Flaw::new("file", "is cut short"))?;
+        bytes.split_first_chunk::<HEADER>().ok_or_else(|| FieldError::new("file", "is cut short"))?;
     let found: Vec<i32> = header.as_chunks().0.iter().map(|chunk| i32::from_le_bytes(*chunk)).collect();
     if found.iter().zip(extents).any(|(found, expected)| i64::from(*found) != expected as i64) {
-        return Err(Flaw::new("bins", format!("are {found:?}, expected {extents:?}")));
+        return Err(FieldError::new("bins", format!("are {found:?}, expected {extents:?}")));
     }
     Ok(body)
 }

@@ -9,7 +9,7 @@ use crate::table::Component;
 pub enum Quantity {
     /// Share of the incident light per degree of signed exit angle: the plane walk's density (decay tables).
     PerDegree,
-    /// f·cos θo in 1/sr in the plane of incidence (walk tables, whose light also leaves the plane).
+    /// f·cos θo in 1/sr in the plane of incidence (space tables, whose light also leaves the plane).
     PerSteradian,
 }
 

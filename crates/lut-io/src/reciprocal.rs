@@ -13,7 +13,7 @@ use crate::axis::ExitAxis;
 use crate::compact::KEY as COMPACT;
 use crate::decay;
 use crate::dispersion;
-use crate::error::Flaw;
+use crate::error::FieldError;
 use crate::lobe::{Interpolant, Row};
 use crate::measure;
 use crate::table::{Component, IncidenceSummary, Lobe, Meta, Table};
@@ -67,14 +67,14 @@ pub fn is_reciprocal(meta: &Meta) -> bool {
 ///
 /// # Errors
 /// It is there and is not valid.
-pub fn section(meta: &Meta) -> Result<Option<Section>, Flaw> {
+pub fn section(meta: &Meta) -> Result<Option<Section>, FieldError> {
     let Some(value) = meta.extra.get(KEY) else { return Ok(None) };
     let section: Section =
-        serde_json::from_value(value.clone()).map_err(|error| Flaw::new(KEY, error.to_string()))?;
+        serde_json::from_value(value.clone()).map_err(|error| FieldError::new(KEY, error.to_string()))?;
     for (name, gain) in [("interior_gain", &section.interior_gain), ("rehit_gain", &section.rehit_gain)] {
         if gain.len() != STEPS + 1 || gain.iter().any(|share| !(-1.0..=1.0).contains(share)) {
             let problem = format!("{name}: expected {} numbers from -1 to 1", STEPS + 1);
-            return Err(Flaw::new(KEY, problem));
+            return Err(FieldError::new(KEY, problem));
         }
     }
     let widths: Vec<f64> = meta.per_incidence.iter().map(|s| s.azimuth_width_deg).collect();
@@ -83,7 +83,7 @@ pub fn section(meta: &Meta) -> Result<Option<Section>, Flaw> {
         Some(other) => {
             let problem =
                 format!("needs one azimuth_width_deg at all incidences, found {} and {other}", widths[0]);
-            Err(Flaw::new(KEY, problem))
+            Err(FieldError::new(KEY, problem))
         }
     }
 }
@@ -96,14 +96,14 @@ pub fn section(meta: &Meta) -> Result<Option<Section>, Flaw> {
 ///
 /// # Errors
 /// A table that holds light from below, or is compact, or reciprocal already.
-pub fn symmetrised(table: &Table) -> Result<Table, Flaw> {
+pub fn symmetrised(table: &Table) -> Result<Table, FieldError> {
     for (key, what) in [
         (crate::both_sides::KEY, "light from below has no reciprocal form here"),
         (COMPACT, "a compact table is not made reciprocal: make the table so, then fit it"),
         (KEY, "is there already"),
     ] {
         if table.meta.extra.contains_key(key) {
-            return Err(Flaw::new(key, what));
+            return Err(FieldError::new(key, what));
         }
     }
     if !table.bands.is_empty() {
@@ -149,13 +149,13 @@ pub fn symmetrised(table: &Table) -> Result<Table, Flaw> {
 
 /// Why a table of several bands is refused; also for those who know before the bake.
 #[must_use]
-pub fn several_bands() -> Flaw {
+pub fn several_bands() -> FieldError {
     let problem = "a table of several bands is not made reciprocal; bake without the effect dispersion";
-    Flaw::new(dispersion::KEY, problem)
+    FieldError::new(dispersion::KEY, problem)
 }
 
-fn store(meta: &mut Meta, section: &Section) -> Result<(), Flaw> {
-    let value = serde_json::to_value(section).map_err(|error| Flaw::new(KEY, error.to_string()))?;
+fn store(meta: &mut Meta, section: &Section) -> Result<(), FieldError> {
+    let value = serde_json::to_value(section).map_err(|error| FieldError::new(KEY, error.to_string()))?;
     meta.extra.insert(KEY.to_owned(), value);
     Ok(())
 }

@@ -128,17 +128,17 @@ fn exit_angles(row: &Row<'_>, cells: Option<&Cells>) -> Vec<f64> {
 ///
 /// # Errors
 /// What is wrong with the angles, for a table that knows the incidences `first..=last` (degrees).
-pub fn check_angles(lobe: &Interpolant, theta_i_deg: f64, phi_deg: f64) -> Result<(), crate::Flaw> {
+pub fn check_angles(lobe: &Interpolant, theta_i_deg: f64, phi_deg: f64) -> Result<(), crate::FieldError> {
     let per_incidence = &lobe.table().meta.per_incidence;
     let (first, last) = (per_incidence[0].theta_i_deg, per_incidence[per_incidence.len() - 1].theta_i_deg);
     let (lo, hi) = (first - SAME_INCIDENCE_DEG, last + SAME_INCIDENCE_DEG);
     if !(lo..=hi).contains(&theta_i_deg) {
         let problem =
             format!("is {theta_i_deg}, expected an incidence within the table's, {first} to {last}");
-        return Err(crate::Flaw::new("--theta-i", problem));
+        return Err(crate::FieldError::new("--theta-i", problem));
     }
     if !(-180.0..=180.0).contains(&phi_deg) {
-        return Err(crate::Flaw::new("--phi", format!("is {phi_deg}, expected -180 to 180")));
+        return Err(crate::FieldError::new("--phi", format!("is {phi_deg}, expected -180 to 180")));
     }
     debug_assert!(hi.to_radians() <= FRAC_PI_2 + 1e-6 && phi_deg.to_radians().abs() <= PI + 1e-9);
     Ok(())

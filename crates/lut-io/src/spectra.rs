@@ -1,10 +1,10 @@
 //! The colours of interference that rendering needs, baked once: section `spectra` of the metadata.
 //!
 //! Every array of arrays is `[θ][band]`: one row a stored angle, one value a wavelength band. A renderer
-//! multiplies the lobe by the modulation at the half-vector angle, and the base by the illuminant at the viewing
+//! multiplies the lobe by the modulation at the half-vector angle, and the base by the emission at the viewing
 //! angle. Each of the two is there only if the bake was asked for it.
 
-use crate::error::Flaw;
+use crate::error::FieldError;
 use crate::table::Meta;
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 pub const KEY: &str = "spectra";
 /// Most bands, and most angles.
 pub const MAX_NODES: usize = 1024;
-/// Largest modulation or illuminant that is taken for one: R_incoherent of a pearl is far above 1e-6.
+/// Largest modulation or emission that is taken for one: R_incoherent of a pearl is far above 1e-6.
 const MAX_VALUE: f64 = 1e6;
 
 /// Interference colours over wavelength and angle.
@@ -24,9 +24,9 @@ pub struct Spectra {
     /// Colour of the lobes (effect `coherent`).
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub coherent: Option<Coherent>,
-    /// Colour of the base (effect `illuminant`).
+    /// Colour of the base (effect `emission`).
     #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub illuminant: Option<Illuminant>,
+    pub emission: Option<Emission>,
 }
 
 /// Coherent interference: what the lobes are multiplied by.
@@ -46,13 +46,13 @@ pub struct Coherent {
 /// Incoherent interference: what the base is multiplied by.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Illuminant {
+pub struct Emission {
     /// Angles of exit into the ambient medium, degrees, ascending from 0 to 90.
     pub theta_deg: Vec<f64>,
     /// Ê(λ, θ): radiance of light scattered inside the stack, unit mean over the bands at each θ.
-    pub emission: Vec<Vec<f64>>,
+    pub radiance: Vec<Vec<f64>>,
     /// Ê in linear sRGB (Ê = 1 at all wavelengths is 1, 1, 1), no channel below 0.
-    pub emission_rgb: Vec<[f64; 3]>,
+    pub radiance_rgb: Vec<[f64; 3]>,
 }
 
 impl Spectra {
@@ -60,9 +60,11 @@ impl Spectra {
     ///
     /// # Errors
     /// The section is there and is not valid.
-    pub fn of(meta: &Meta) -> Result<Option<Self>, Flaw> {
+    pub fn of(meta: &Meta) -> Result<Option<Self>, FieldError> {
         let Some(spectra) = meta.section::<Self>(KEY)? else { return Ok(None) };
-        spectra.validate().map_err(|flaw| Flaw::new(format!("{KEY}.{}", flaw.field), flaw.problem))?;
+        spectra
+            .validate()
+            .map_err(|error| FieldError::new(format!("{KEY}.{}", error.field), error.problem))?;
         Ok(Some(spectra))
     }
 
@@ -70,7 +72,7 @@ impl Spectra {
     ///
     /// # Errors
     /// The section is not valid.
-    pub fn store(&self, meta: &mut Meta) -> Result<(), Flaw> {
+    pub fn store(&self, meta: &mut Meta) -> Result<(), FieldError> {
         let rounded = self.rounded();
         rounded.validate()?;
         meta.put_section(KEY, &rounded)
@@ -88,10 +90,10 @@ impl Spectra {
                 modulation_rgb: rgb(&coherent.modulation_rgb),
                 incoherent: row(&coherent.incoherent),
             }),
-            illuminant: self.illuminant.as_ref().map(|illuminant| Illuminant {
-                theta_deg: row(&illuminant.theta_deg),
-                emission: rows(&illuminant.emission),
-                emission_rgb: rgb(&illuminant.emission_rgb),
+            emission: self.emission.as_ref().map(|emission| Emission {
+                theta_deg: row(&emission.theta_deg),
+                radiance: rows(&emission.radiance),
+                radiance_rgb: rgb(&emission.radiance_rgb),
             }),
         }
     }
@@ -99,8 +101,8 @@ impl Spectra {
     /// Checks shapes and ranges.
     ///
     /// # Errors
-    /// The first flaw found.
-    pub fn validate(&self) -> Result<(), Flaw> {
+    /// The first error found.
+    pub fn validate(&self) -> Result<(), FieldError> {
         check_axis("wavelength_nm", &self.wavelength_nm, 1, |nm| nm > 0.0, "a positive wavelength")?;
         let bands = self.wavelength_nm.len();
         if let Some(Coherent { theta_deg, modulation, modulation_rgb, incoherent }) = &self.coherent {
@@ -110,25 +112,30 @@ impl Spectra {
             check_length("coherent.incoherent", incoherent.len(), theta_deg.len(), "angles")?;
             check_values("coherent.incoherent", incoherent)?;
         }
-        if let Some(Illuminant { theta_deg, emission, emission_rgb }) = &self.illuminant {
-            check_angles("illuminant.theta_deg", theta_deg)?;
-            check_rows("illuminant.emission", emission, theta_deg.len(), bands)?;
-            check_rows("illuminant.emission_rgb", emission_rgb, theta_deg.len(), 3)?;
+        if let Some(Emission { theta_deg, radiance, radiance_rgb }) = &self.emission {
+            check_angles("emission.theta_deg", theta_deg)?;
+            check_rows("emission.radiance", radiance, theta_deg.len(), bands)?;
+            check_rows("emission.radiance_rgb", radiance_rgb, theta_deg.len(), 3)?;
         }
         Ok(())
     }
 }
 
-fn check_angles(name: &str, theta_deg: &[f64]) -> Result<(), Flaw> {
+fn check_angles(name: &str, theta_deg: &[f64]) -> Result<(), FieldError> {
     check_axis(name, theta_deg, 2, |t| (0.0..=90.0).contains(&t), "an angle from 0 to 90")?;
     let (first, last) = (theta_deg[0], theta_deg[theta_deg.len() - 1]);
     if first == 0.0 && last == 90.0 {
         return Ok(());
     }
-    Err(Flaw::new(name, format!("runs from {first} to {last}, expected 0 to 90")))
+    Err(FieldError::new(name, format!("runs from {first} to {last}, expected 0 to 90")))
 }
 
-fn check_rows<R: AsRef<[f64]>>(name: &str, rows: &[R], angles: usize, bands: usize) -> Result<(), Flaw> {
+fn check_rows<R: AsRef<[f64]>>(
+    name: &str,
+    rows: &[R],
+    angles: usize,
+    bands: usize,
+) -> Result<(), FieldError> {
     check_length(name, rows.len(), angles, "angles")?;
     for (i, row) in rows.iter().enumerate() {
         check_length(&format!("{name}[{i}]"), row.as_ref().len(), bands, "bands")?;
@@ -143,39 +150,40 @@ fn check_axis(
     fewest: usize,
     valid: impl Fn(f64) -> bool,
     right: &str,
-) -> Result<(), Flaw> {
+) -> Result<(), FieldError> {
     if !(fewest..=MAX_NODES).contains(&nodes.len()) {
-        return Err(Flaw::new(
+        return Err(FieldError::new(
             name,
             format!("has {} entries, expected {fewest} to {MAX_NODES}", nodes.len()),
         ));
     }
     if let Some(i) = nodes.iter().position(|x| !(x.is_finite() && valid(*x))) {
-        return Err(Flaw::new(format!("{name}[{i}]"), format!("is {}, expected {right}", nodes[i])));
+        return Err(FieldError::new(format!("{name}[{i}]"), format!("is {}, expected {right}", nodes[i])));
     }
     match nodes.windows(2).position(|pair| pair[1] <= pair[0]) {
         None => Ok(()),
         Some(i) => {
             let problem =
                 format!("is {}, expected more than the entry before it, {}", nodes[i + 1], nodes[i]);
-            Err(Flaw::new(format!("{name}[{}]", i + 1), problem))
+            Err(FieldError::new(format!("{name}[{}]", i + 1), problem))
         }
     }
 }
 
-fn check_length(name: &str, found: usize, expected: usize, of: &str) -> Result<(), Flaw> {
+fn check_length(name: &str, found: usize, expected: usize, of: &str) -> Result<(), FieldError> {
     if found == expected {
         return Ok(());
     }
-    Err(Flaw::new(name, format!("has {found} entries, expected one for each of the {expected} {of}")))
+    Err(FieldError::new(name, format!("has {found} entries, expected one for each of the {expected} {of}")))
 }
 
-fn check_values(name: &str, values: &[f64]) -> Result<(), Flaw> {
+fn check_values(name: &str, values: &[f64]) -> Result<(), FieldError> {
     match values.iter().position(|v| !(0.0..=MAX_VALUE).contains(v)) {
         None => Ok(()),
-        Some(i) => {
-            Err(Flaw::new(format!("{name}[{i}]"), format!("is {}, expected 0 to {MAX_VALUE}", values[i])))
-        }
+        Some(i) => Err(FieldError::new(
+            format!("{name}[{i}]"),
+            format!("is {}, expected 0 to {MAX_VALUE}", values[i]),
+        )),
     }
 }
 
@@ -199,10 +207,10 @@ mod tests {
                 modulation_rgb: vec![[0.1, 0.2, 0.3]; 2],
                 incoherent: vec![0.4, 1.0],
             }),
-            illuminant: Some(Illuminant {
+            emission: Some(Emission {
                 theta_deg: vec![0.0, 90.0],
-                emission: rows,
-                emission_rgb: vec![[1.0; 3]; 2],
+                radiance: rows,
+                radiance_rgb: vec![[1.0; 3]; 2],
             }),
         }
     }
@@ -211,8 +219,8 @@ mod tests {
         spectra.coherent.as_mut().unwrap()
     }
 
-    fn illuminant(spectra: &mut Spectra) -> &mut Illuminant {
-        spectra.illuminant.as_mut().unwrap()
+    fn emission(spectra: &mut Spectra) -> &mut Emission {
+        spectra.emission.as_mut().unwrap()
     }
 
     #[test]
@@ -231,9 +239,9 @@ mod tests {
             ("coherent.modulation", |s| coherent(s).modulation.truncate(1)),
             ("coherent.modulation[1]", |s| coherent(s).modulation[1].push(0.0)),
             ("coherent.incoherent", |s| coherent(s).incoherent.clear()),
-            ("illuminant.emission[0][1]", |s| illuminant(s).emission[0][1] = f64::NAN),
-            ("illuminant.emission_rgb[1][2]", |s| illuminant(s).emission_rgb[1][2] = -1e-3),
-            ("illuminant.theta_deg", |s| illuminant(s).theta_deg = vec![0.0; MAX_NODES + 1]),
+            ("emission.radiance[0][1]", |s| emission(s).radiance[0][1] = f64::NAN),
+            ("emission.radiance_rgb[1][2]", |s| emission(s).radiance_rgb[1][2] = -1e-3),
+            ("emission.theta_deg", |s| emission(s).theta_deg = vec![0.0; MAX_NODES + 1]),
         ];
         assert_eq!(spectra().validate(), Ok(()));
         for (field, damage) in breaks {

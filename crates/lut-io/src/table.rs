@@ -3,7 +3,7 @@
 use crate::axis::{self, ExitAxis};
 use crate::both_sides::{self, BothSides, Passage};
 use crate::dispersion::{self, Dispersion};
-use crate::error::Flaw;
+use crate::error::FieldError;
 use crate::spectra::Spectra;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -17,8 +17,8 @@ pub const SCHEMA: &str = "pearl-lut/1";
 pub enum AzimuthMode {
     /// Plane lobe, spread out of the plane by the postulate of [`crate::decay`].
     Decay,
-    /// (θo, φ) from the space walk.
-    Walk,
+    /// (θo, φ) from transport in space, no postulate.
+    Space,
 }
 
 /// Which solver made the table.
@@ -74,7 +74,7 @@ pub struct IncidenceSummary {
     pub std_error: SummaryErrors,
     /// Paths walked at this incidence (0 for doubling).
     pub paths: u64,
-    /// Azimuth width w of the decay postulate at this incidence, degrees (0 for walk tables).
+    /// Azimuth width w of the decay postulate at this incidence, degrees (0 for space tables).
     pub azimuth_width_deg: f64,
     /// Estimated total variation error of the stored lobe, per cent of the reflected light.
     pub accuracy_percent: f64,
@@ -143,7 +143,7 @@ pub struct Meta {
 }
 
 /// A pearl table. Every channel holds `per_incidence.len() · axis.cells()` values, incidence-major, then
-/// (walk tables) φ-major, columns last.
+/// (space tables) φ-major, columns last.
 ///
 /// Values are f·cos θo in 1/sr. Decay tables store them in the plane of incidence over the signed exit
 /// angle: cells with s > 0 are (θo = s, φ = 0), cells with s < 0 are (θo = −s, φ = 180°).
@@ -221,13 +221,13 @@ impl Meta {
     /// A section of the metadata that is not checked by itself, if it is there.
     ///
     /// # Errors
-    /// It has another shape than `S`; the flaw names the field.
-    pub(crate) fn section<S: DeserializeOwned>(&self, key: &str) -> Result<Option<S>, Flaw> {
+    /// It has another shape than `S`; the error names the field.
+    pub(crate) fn section<S: DeserializeOwned>(&self, key: &str) -> Result<Option<S>, FieldError> {
         let Some(value) = self.extra.get(key) else { return Ok(None) };
         let section =
             serde_path_to_error::deserialize(value).map_err(|error| match error.path().to_string() {
-                path if path == "." => Flaw::new(key, error.inner().to_string()),
-                path => Flaw::new(format!("{key}.{path}"), error.inner().to_string()),
+                path if path == "." => FieldError::new(key, error.inner().to_string()),
+                path => FieldError::new(format!("{key}.{path}"), error.inner().to_string()),
             })?;
         Ok(Some(section))
     }
@@ -236,8 +236,8 @@ impl Meta {
     ///
     /// # Errors
     /// A number that JSON cannot say.
-    pub(crate) fn put_section(&mut self, key: &str, section: &impl Serialize) -> Result<(), Flaw> {
-        let value = serde_json::to_value(section).map_err(|error| Flaw::new(key, error.to_string()))?;
+    pub(crate) fn put_section(&mut self, key: &str, section: &impl Serialize) -> Result<(), FieldError> {
+        let value = serde_json::to_value(section).map_err(|error| FieldError::new(key, error.to_string()))?;
         self.extra.insert(key.to_owned(), value);
         Ok(())
     }
@@ -245,8 +245,8 @@ impl Meta {
     /// Checks everything the metadata promise by themselves: schema, axis, incidences, ranges of shares.
     ///
     /// # Errors
-    /// The first flaw found.
-    pub fn validate(&self) -> Result<(), Flaw> {
+    /// The first error found.
+    pub fn validate(&self) -> Result<(), FieldError> {
         check_schema(&self.schema)?;
         self.check_axis()?;
         self.check_incidences()?;
@@ -258,7 +258,7 @@ impl Meta {
         share("surface_model.slope_sd", self.surface_model.slope_sd)?;
         if !["unweighted", "visible"].contains(&self.surface_model.normals.as_str()) {
             let found = &self.surface_model.normals;
-            return Err(Flaw::new(
+            return Err(FieldError::new(
                 "surface_model.normals",
                 format!("is {found:?}, expected unweighted or visible"),
             ));
@@ -275,14 +275,14 @@ impl Meta {
         Spectra::of(self).map(|_| ())
     }
 
-    fn check_axis(&self) -> Result<(), Flaw> {
+    fn check_axis(&self) -> Result<(), FieldError> {
         let axis = &self.exit_axis;
         match (self.azimuth, axis) {
-            (AzimuthMode::Decay, ExitAxis::Plane { .. }) | (AzimuthMode::Walk, ExitAxis::Space { .. }) => {}
+            (AzimuthMode::Decay, ExitAxis::Plane { .. }) | (AzimuthMode::Space, ExitAxis::Space { .. }) => {}
             (azimuth, _) => {
                 let problem =
-                    format!("does not fit azimuth {azimuth:?}: decay goes with plane, walk with space");
-                return Err(Flaw::new("exit_axis.kind", problem));
+                    format!("does not fit azimuth {azimuth:?}: decay goes with plane, space with space");
+                return Err(FieldError::new("exit_axis.kind", problem));
             }
         }
         let width = axis.width();
@@ -291,21 +291,21 @@ impl Meta {
         let columns = axis.columns();
         if columns < 2 || columns % 2 == 1 || columns > MAX_AXIS_CELLS {
             let problem = format!("is {columns}, expected an even number from 2 to {MAX_AXIS_CELLS}");
-            return Err(Flaw::new("exit_axis cells", problem));
+            return Err(FieldError::new("exit_axis cells", problem));
         }
         let rows = axis.rows_per_incidence();
-        if rows == 0 || rows > MAX_AXIS_CELLS || (self.azimuth == AzimuthMode::Walk && rows < 2) {
+        if rows == 0 || rows > MAX_AXIS_CELLS || (self.azimuth == AzimuthMode::Space && rows < 2) {
             let problem = format!("is {rows}, expected 2 to {MAX_AXIS_CELLS}");
-            return Err(Flaw::new("exit_axis.phi_cells", problem));
+            return Err(FieldError::new("exit_axis.phi_cells", problem));
         }
         Ok(())
     }
 
-    fn check_incidences(&self) -> Result<(), Flaw> {
+    fn check_incidences(&self) -> Result<(), FieldError> {
         let count = self.per_incidence.len();
         if count == 0 || count > MAX_AXIS_CELLS {
             let problem = format!("has {count} entries, expected 1 to {MAX_AXIS_CELLS}");
-            return Err(Flaw::new("per_incidence", problem));
+            return Err(FieldError::new("per_incidence", problem));
         }
         // No overflow: each factor is at most 2^16, and usize has 64 bits where tables of this size exist.
         let cells = count
@@ -314,7 +314,7 @@ impl Meta {
         if cells > MAX_CELLS {
             let problem =
                 format!("times the cells of exit_axis is {cells} cells, expected at most {MAX_CELLS}");
-            return Err(Flaw::new("per_incidence", problem));
+            return Err(FieldError::new("per_incidence", problem));
         }
         let mut previous = f64::NEG_INFINITY;
         for (i, summary) in self.per_incidence.iter().enumerate() {
@@ -323,14 +323,16 @@ impl Meta {
             check(&at("theta_i_deg"), theta, (0.0..=90.0).contains(&theta), "0 to 90")?;
             check(&at("theta_i_deg"), theta, theta > previous, "more than the entry before it")?;
             previous = theta;
-            summary.validate(self.azimuth).map_err(|flaw| Flaw::new(at(&flaw.field), flaw.problem))?;
+            summary
+                .validate(self.azimuth)
+                .map_err(|error| FieldError::new(at(&error.field), error.problem))?;
         }
         Ok(())
     }
 }
 
 impl IncidenceSummary {
-    fn validate(&self, azimuth: AzimuthMode) -> Result<(), Flaw> {
+    fn validate(&self, azimuth: AzimuthMode) -> Result<(), FieldError> {
         // Shares are sums of many roundings; beyond this it is not rounding any more.
         const ROUNDING: f64 = 1e-6;
         let shares = [
@@ -377,12 +379,12 @@ impl IncidenceSummary {
                 (1e-6..=1e6).contains(&width),
                 "a width in degrees from 1e-6 to 1e6",
             ),
-            AzimuthMode::Walk => check("azimuth_width_deg", width, width >= 0.0, "a number ≥ 0"),
+            AzimuthMode::Space => check("azimuth_width_deg", width, width >= 0.0, "a number ≥ 0"),
         }
     }
 }
 
-pub(crate) fn check_schema(schema: &str) -> Result<(), Flaw> {
+pub(crate) fn check_schema(schema: &str) -> Result<(), FieldError> {
     if schema == SCHEMA || schema.strip_prefix(SCHEMA).is_some_and(|minor| minor.starts_with('.')) {
         return Ok(());
     }
@@ -391,14 +393,14 @@ pub(crate) fn check_schema(schema: &str) -> Result<(), Flaw> {
         Some(major) if major > 1 => "the file was written by a newer version, this program reads",
         _ => "expected",
     };
-    Err(Flaw::new("schema", format!("is {schema:?}; {advice} {SCHEMA}")))
+    Err(FieldError::new("schema", format!("is {schema:?}; {advice} {SCHEMA}")))
 }
 
-fn check(field: &str, value: f64, ok: bool, right: &str) -> Result<(), Flaw> {
+fn check(field: &str, value: f64, ok: bool, right: &str) -> Result<(), FieldError> {
     if ok && value.is_finite() {
         return Ok(());
     }
-    Err(Flaw::new(field, format!("is {value}, expected {right}")))
+    Err(FieldError::new(field, format!("is {value}, expected {right}")))
 }
 
 impl Table {
@@ -421,8 +423,8 @@ impl Table {
     /// Checks that metadata and channels are whole and consistent: what a reader may rely on.
     ///
     /// # Errors
-    /// The first flaw found.
-    pub fn validate(&self) -> Result<(), Flaw> {
+    /// The first error found.
+    pub fn validate(&self) -> Result<(), FieldError> {
         self.meta.validate()?;
         let cells = self.meta.per_incidence.len() * self.meta.exit_axis.cells();
         for component in Component::ALL {
@@ -443,29 +445,29 @@ impl Table {
             }
             _ => {
                 let problem = "and the channels of light from below go together, found one without the other";
-                return Err(Flaw::new(both_sides::KEY, problem));
+                return Err(FieldError::new(both_sides::KEY, problem));
             }
         }
         Ok(())
     }
 }
 
-fn check_lobe(name: &str, lobe: &Lobe, cells: usize) -> Result<(), Flaw> {
+fn check_lobe(name: &str, lobe: &Lobe, cells: usize) -> Result<(), FieldError> {
     check_channel(name, &lobe.value, cells)?;
     check_channel(&format!("{name}_std_error"), &lobe.std_error, cells)?;
     check_channel(&format!("{name}_count"), &lobe.count, cells)
 }
 
-fn check_channel(name: &str, samples: &[f32], cells: usize) -> Result<(), Flaw> {
+fn check_channel(name: &str, samples: &[f32], cells: usize) -> Result<(), FieldError> {
     if samples.len() != cells {
         let problem = format!("holds {} values, expected {cells} (incidences × cells)", samples.len());
-        return Err(Flaw::new(format!("channel {name}"), problem));
+        return Err(FieldError::new(format!("channel {name}"), problem));
     }
     match samples.iter().position(|v| !(v.is_finite() && *v >= 0.0)) {
         None => Ok(()),
         Some(at) => {
             let problem = format!("is {} at cell {at}, expected a finite number ≥ 0", samples[at]);
-            Err(Flaw::new(format!("channel {name}"), problem))
+            Err(FieldError::new(format!("channel {name}"), problem))
         }
     }
 }

@@ -4,7 +4,7 @@
 //! dimensions, u8 type, u64 offset from the start of the file, u64 extents. Read by Mitsuba's `measured`, pbrt-v4 and
 //! powitacq (Dupuy and Jakob, *An Adaptive Parameterization for Efficient Material Acquisition and Rendering*, 2018).
 
-use crate::error::Flaw;
+use crate::error::FieldError;
 
 const MAGIC: &[u8] = b"tensor_file\0\x01\x00";
 /// Types of the format that are used here.
@@ -77,13 +77,13 @@ impl Field {
 ///
 /// # Errors
 /// A field whose extents are not those of its values.
-pub fn encode(fields: &[Field]) -> Result<Vec<u8>, Flaw> {
+pub fn encode(fields: &[Field]) -> Result<Vec<u8>, FieldError> {
     for field in fields {
         let expected: usize = field.shape.iter().product();
         if expected != field.values.len() {
             let problem =
                 format!("has {} values, expected {expected} from {:?}", field.values.len(), field.shape);
-            return Err(Flaw::new(field.name.clone(), problem));
+            return Err(FieldError::new(field.name.clone(), problem));
         }
     }
     let header: usize = fields.iter().map(|f| 2 + f.name.len() + 2 + 1 + 8 + 8 * f.shape.len()).sum();
@@ -115,46 +115,55 @@ pub fn encode(fields: &[Field]) -> Result<Vec<u8>, Flaw> {
 ///
 /// # Errors
 /// Not such a file, a damaged one, or another type.
-pub fn decode(bytes: &[u8]) -> Result<Vec<Field>, Flaw> {
+pub fn decode(bytes: &[u8]) -> Result<Vec<Field>, FieldError> {
     let mut rest = bytes
         .strip_prefix(MAGIC)
-        .ok_or_else(|| Flaw::new("file", "does not start with tensor_file, version 1.0"))?;
+        .ok_or_else(|| FieldError::new("file", "does not start with tensor_file, version 1.0"))?;
     let count = u32::from_le_bytes(take(&mut rest)?);
     if count > MOST_FIELDS {
-        return Err(Flaw::new("file", format!("claims {count} fields, expected at most {MOST_FIELDS}")));
+        return Err(FieldError::new(
+            "file",
+            format!("claims {count} fields, expected at most {MOST_FIELDS}"),
+        ));
     }
     (0..count).map(|_| decode_field(bytes, &mut rest)).collect()
 }
 
-fn decode_field(bytes: &[u8], rest: &mut &[u8]) -> Result<Field, Flaw> {
+fn decode_field(bytes: &[u8], rest: &mut &[u8]) -> Result<Field, FieldError> {
     let length = usize::from(u16::from_le_bytes(take(rest)?));
     let (name, after) = rest.split_at_checked(length).ok_or_else(cut_short)?;
     *rest = after;
     let name = std::str::from_utf8(name)
-        .map_err(|_| Flaw::new("file", "has a field whose name is not UTF-8"))?
+        .map_err(|_| FieldError::new("file", "has a field whose name is not UTF-8"))?
         .to_owned();
     let dimensions = u16::from_le_bytes(take(rest)?);
     if dimensions > MOST_DIMENSIONS {
-        return Err(Flaw::new(
+        return Err(FieldError::new(
             name,
             format!("has {dimensions} dimensions, expected at most {MOST_DIMENSIONS}"),
         ));
     }
     let [kind] = take(rest)?;
     let offset = u64::from_le_bytes(take(rest)?);
-    let shape =
-        (0..dimensions).map(|_| Ok(u64::from_le_bytes(take(rest)?))).collect::<Result<Vec<_>, Flaw>>()?;
+    let shape = (0..dimensions)
+        .map(|_| Ok(u64::from_le_bytes(take(rest)?)))
+        .collect::<Result<Vec<_>, FieldError>>()?;
     let size = match kind {
         U8 => 1,
         F32 => 4,
-        _ => return Err(Flaw::new(name, format!("is of type {kind}, expected {U8} (u8) or {F32} (f32)"))),
+        _ => {
+            return Err(FieldError::new(
+                name,
+                format!("is of type {kind}, expected {U8} (u8) or {F32} (f32)"),
+            ));
+        }
     };
     // What the header claims is checked against the bytes that are there before anything is reserved.
     let length = shape.iter().try_fold(size, |product: u64, extent| product.checked_mul(*extent));
     let array = length
         .and_then(|length| Some(offset as usize..usize::try_from(offset.checked_add(length)?).ok()?))
         .and_then(|range| bytes.get(range))
-        .ok_or_else(|| Flaw::new(name.clone(), "reaches beyond the end of the file"))?;
+        .ok_or_else(|| FieldError::new(name.clone(), "reaches beyond the end of the file"))?;
     let values = if kind == U8 {
         Values::U8(array.to_vec())
     } else {
@@ -163,14 +172,14 @@ fn decode_field(bytes: &[u8], rest: &mut &[u8]) -> Result<Field, Flaw> {
     Ok(Field { name, shape: shape.into_iter().map(|extent| extent as usize).collect(), values })
 }
 
-fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], Flaw> {
+fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], FieldError> {
     let (chunk, after) = rest.split_first_chunk::<N>().ok_or_else(cut_short)?;
     *rest = after;
     Ok(*chunk)
 }
 
-fn cut_short() -> Flaw {
-    Flaw::new("file", "is cut short")
+fn cut_short() -> FieldError {
+    FieldError::new("file", "is cut short")
 }
 
 #[cfg(test)]

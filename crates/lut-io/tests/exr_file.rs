@@ -6,7 +6,7 @@ mod specimen;
 
 use lut_io::exr_file::{self, decode, encode};
 use lut_io::table::{AzimuthMode, Table};
-use lut_io::{Flaw, LutError};
+use lut_io::{FieldError, LutError};
 use proptest::prelude::*;
 use std::fs;
 use std::path::Path;
@@ -19,7 +19,7 @@ fn space() -> Table {
     specimen::space(&[0.0, 45.0, 80.0], 16, 8)
 }
 
-fn flaw(bytes: &[u8]) -> Flaw {
+fn error(bytes: &[u8]) -> FieldError {
     decode(bytes).expect_err("a damaged file must be refused")
 }
 
@@ -150,14 +150,14 @@ fn a_table_that_no_reader_would_take_is_not_written() {
     let refuse = |change: &dyn Fn(&mut Table), field: &str| {
         let mut table = plane();
         change(&mut table);
-        let flaw = encode(&table).unwrap_err();
-        assert_eq!(flaw.field, field, "{flaw}");
+        let error = encode(&table).unwrap_err();
+        assert_eq!(error.field, field, "{error}");
     };
     refuse(&|t| t.interior.value[3] = f32::NAN, "channel interior");
     refuse(&|t| t.surface.value[3] = -1e-9, "channel surface");
     refuse(&|t| t.rehit.std_error[0] = f32::INFINITY, "channel rehit_std_error");
     refuse(&|t| t.interior.count.truncate(5), "channel interior_count");
-    refuse(&|t| t.meta.azimuth = AzimuthMode::Walk, "exit_axis.kind");
+    refuse(&|t| t.meta.azimuth = AzimuthMode::Space, "exit_axis.kind");
     refuse(&|t| t.meta.per_incidence[1].theta_i_deg = 0.0, "per_incidence[1].theta_i_deg");
     refuse(&|t| t.meta.per_incidence[1].albedo = 1.5, "per_incidence[1].albedo");
     refuse(&|t| t.meta.per_incidence[1].surface = 0.999, "per_incidence[1].surface");
@@ -210,8 +210,8 @@ fn a_full_disk_is_reported() {
 fn a_file_cut_at_any_byte_is_refused() {
     let bytes = encode(&plane()).unwrap();
     for length in (0..bytes.len()).step_by(7).chain(bytes.len() - 40..bytes.len()) {
-        let flaw = flaw(&bytes[..length]);
-        assert!(!flaw.to_string().contains('\n'), "{flaw}");
+        let error = error(&bytes[..length]);
+        assert!(!error.to_string().contains('\n'), "{error}");
     }
 }
 
@@ -219,9 +219,9 @@ fn a_file_cut_at_any_byte_is_refused() {
 fn a_cut_file_is_called_truncated() {
     let bytes = encode(&plane()).unwrap();
     for length in [2, 7, bytes.len() / 2, bytes.len() - 1] {
-        assert!(flaw(&bytes[..length]).to_string().contains("truncated"), "{}", flaw(&bytes[..length]));
+        assert!(error(&bytes[..length]).to_string().contains("truncated"), "{}", error(&bytes[..length]));
     }
-    assert!(flaw(b"").to_string().contains("empty"));
+    assert!(error(b"").to_string().contains("empty"));
 }
 
 #[test]
@@ -230,17 +230,17 @@ fn a_header_that_claims_too_much_is_refused_before_allocating() {
     let huge =
         [[0, 0, i32::MAX, i32::MAX], [0, 0, i32::MAX, 0], [0, 0, 0, i32::MAX], [i32::MIN, 0, i32::MAX, 1]];
     for window in huge {
-        assert_eq!(flaw(&with_window(&bytes, window)).field, "attribute dataWindow");
+        assert_eq!(error(&with_window(&bytes, window)).field, "attribute dataWindow");
     }
     // An attribute of 2 GB.
     let mut claim = bytes.clone();
     let at = find(&bytes, b"pearl\0string\0") + 13;
     claim[at..at + 4].copy_from_slice(&0x7fff_ffffu32.to_le_bytes());
-    assert!(flaw(&claim).to_string().contains("claims"));
+    assert!(error(&claim).to_string().contains("claims"));
     // Axes of 2^60 cells.
     let text = parts(&plane());
     let text = (text.0, text.1, text.2.replace("\"cells\":32", "\"cells\":1152921504606846976"));
-    assert_eq!(flaw(&rebuilt(&text)).field, "exit_axis cells");
+    assert_eq!(error(&rebuilt(&text)).field, "exit_axis cells");
     // Large but legal axes that the file's few bytes cannot back.
     let cells = 1 << 16;
     let mut large = plane();
@@ -249,7 +249,7 @@ fn a_header_that_claims_too_much_is_refused_before_allocating() {
     let text = (parts(&plane()).0, (32, 6), json);
     let lying = with_window(&rebuilt(&text), [0, 0, cells as i32 - 1, 5]);
     // Refused by the size of the block, not after decompressing into reserved memory.
-    assert!(flaw(&lying).problem.contains("of pixels"), "{}", flaw(&lying));
+    assert!(error(&lying).problem.contains("of pixels"), "{}", error(&lying));
 }
 
 fn good_with_schema(schema: &str) -> Vec<u8> {
@@ -261,23 +261,23 @@ fn good_with_schema(schema: &str) -> Vec<u8> {
 #[test]
 fn a_newer_schema_is_refused_by_name_whatever_else_changed() {
     let bytes = encode(&plane()).unwrap();
-    let newer = flaw(&replaced(&bytes, "pearl-lut/1", "pearl-lut/2"));
+    let newer = error(&replaced(&bytes, "pearl-lut/1", "pearl-lut/2"));
     assert_eq!(newer.field, "schema");
     assert!(newer.problem.contains("pearl-lut/2") && newer.problem.contains("newer"), "{newer}");
     let mut text = parts(&plane());
     text.2 = r#"{"schema":"pearl-lut/7","something":"else"}"#.to_owned();
-    assert!(flaw(&rebuilt(&text)).problem.contains("pearl-lut/7"));
+    assert!(error(&rebuilt(&text)).problem.contains("pearl-lut/7"));
     let minor = good_with_schema("pearl-lut/1.4");
     assert_eq!(decode(&minor).unwrap().meta.schema, "pearl-lut/1.4");
-    assert!(flaw(&good_with_schema("pearl-lut/11")).problem.contains("newer"));
+    assert!(error(&good_with_schema("pearl-lut/11")).problem.contains("newer"));
     text.2 = r#"{"schema":"other/1"}"#.to_owned();
-    assert_eq!(flaw(&rebuilt(&text)).field, "schema");
+    assert_eq!(error(&rebuilt(&text)).field, "schema");
 }
 
 #[test]
 fn damaged_metadata_are_refused_with_the_field() {
     let good = parts(&plane());
-    let with = |pearl: String| flaw(&rebuilt(&(good.0.clone(), good.1, pearl))).to_string();
+    let with = |pearl: String| error(&rebuilt(&(good.0.clone(), good.1, pearl))).to_string();
     assert!(with("not json".to_owned()).contains("attribute pearl"));
     assert!(with("[".repeat(100_000)).contains("attribute pearl"));
     let deep = format!("{{\"schema\":\"pearl-lut/1\",\"recipe\":{}", "[".repeat(100_000));
@@ -299,10 +299,10 @@ fn wrong_channels_are_refused_by_name() {
     let good = parts(&plane());
     let mut missing = good.clone();
     missing.0.retain(|(name, _)| name != "rehit");
-    assert_eq!(flaw(&rebuilt(&missing)).field, "channel rehit");
+    assert_eq!(error(&rebuilt(&missing)).field, "channel rehit");
     let mut extra = good.clone();
     extra.0.push(("R".to_owned(), good.0[0].1.clone()));
-    assert_eq!(flaw(&rebuilt(&extra)).field, "channel \"R\"");
+    assert_eq!(error(&rebuilt(&extra)).field, "channel \"R\"");
 }
 
 #[test]
@@ -311,7 +311,7 @@ fn wrong_samples_are_refused_by_channel_and_cell() {
     let with = |name: &str, at: usize, value: f32| {
         let mut bad = good.clone();
         bad.0.iter_mut().find(|(known, _)| known == name).unwrap().1[at] = value;
-        flaw(&rebuilt(&bad))
+        error(&rebuilt(&bad))
     };
     assert_eq!(
         with("interior", 40, f32::NAN).to_string(),
@@ -327,7 +327,7 @@ fn wrong_samples_are_refused_by_channel_and_cell() {
 fn a_size_that_does_not_fit_the_metadata_is_refused() {
     let mut bad = parts(&plane());
     bad.2 = bad.2.replacen("\"cells\":32", "\"cells\":34", 1);
-    assert_eq!(flaw(&rebuilt(&bad)).field, "attribute dataWindow");
+    assert_eq!(error(&rebuilt(&bad)).field, "attribute dataWindow");
 }
 
 #[test]
@@ -336,7 +336,7 @@ fn widths_that_do_not_fit_the_coordinates_are_refused() {
     let width = format!("\"width\":{}", 4f64.to_radians());
     assert!(good.2.contains(&width));
     let bad = (good.0.clone(), good.1, good.2.replacen(&width, "\"width\":0.1", 1));
-    assert_eq!(flaw(&rebuilt(&bad)).field, "channel theta_o_deg");
+    assert_eq!(error(&rebuilt(&bad)).field, "channel theta_o_deg");
 }
 
 #[test]
@@ -345,13 +345,13 @@ fn other_kinds_of_openexr_files_are_refused() {
     for (flag, name) in [(0x02, "tiled"), (0x08, "deep"), (0x10, "multi-part")] {
         let mut other = bytes.clone();
         other[5] |= flag;
-        assert_eq!(flaw(&other).field, "OpenEXR version", "{name}");
+        assert_eq!(error(&other).field, "OpenEXR version", "{name}");
     }
     let mut lossy = bytes.clone();
     let at = find(&bytes, b"compression\0compression\0") + 24 + 4;
     lossy[at] = 5;
-    assert_eq!(flaw(&lossy).field, "attribute compression");
-    assert_eq!(flaw(&replaced(&bytes, "pearl\0string\0", "pearx\0string\0")).field, "attribute pearl");
+    assert_eq!(error(&lossy).field, "attribute compression");
+    assert_eq!(error(&replaced(&bytes, "pearl\0string\0", "pearx\0string\0")).field, "attribute pearl");
 }
 
 #[test]

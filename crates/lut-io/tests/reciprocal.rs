@@ -71,8 +71,8 @@ fn every_lobe_keeps_its_share_of_the_light() {
 fn the_single_azimuth_width_is_demanded_of_a_reciprocal_table() {
     let mut made = reciprocal::symmetrised(&tables()[0]).unwrap();
     made.meta.per_incidence[3].azimuth_width_deg *= 1.01;
-    let flaw = made.validate().unwrap_err();
-    assert!(flaw.field == KEY && flaw.problem.contains("azimuth_width_deg"), "{flaw}");
+    let error = made.validate().unwrap_err();
+    assert!(error.field == KEY && error.problem.contains("azimuth_width_deg"), "{error}");
 }
 
 #[test]

@@ -24,7 +24,7 @@ fn bench(criterion: &mut Criterion) {
     let (wi, wo) = (directions(1), directions(2));
     let numbers: Vec<[f64; 3]> = directions(3).iter().map(|[u, v, w]| [*w, u.abs(), v.abs()]).collect();
     let tables =
-        [("decay", specimen::plane(&incidences, 128)), ("walk", specimen::space(&incidences, 64, 48))];
+        [("decay", specimen::plane(&incidences, 128)), ("space", specimen::space(&incidences, 64, 48))];
     for (name, table) in tables {
         let bsdf = PearlBsdf::from_table(table, plain).expect("the made-up table is one");
         let mut group = criterion.benchmark_group(name);

@@ -107,7 +107,7 @@ struct Geometry {
 }
 
 impl PearlBsdf {
-    /// A BSDF of a table; takes tens of milliseconds (walk tables more).
+    /// A BSDF of a table; takes tens of milliseconds (space tables more).
     ///
     /// # Errors
     /// A control out of range, a table that is not valid or lacks what the controls ask for.
@@ -180,7 +180,7 @@ impl PearlBsdf {
     ///
     /// This is what an image is integrated from. The lobes are [`Self::eval`] with the view as incidence (as
     /// renderers that trace paths from the camera call it), so that a white surrounding never shows brighter than 1;
-    /// the illuminant is read at the viewing angle. [`Self::sample`] and [`Self::pdf`] with wi = view fit.
+    /// the emission is read at the viewing angle. [`Self::sample`] and [`Self::pdf`] with wi = view fit.
     #[must_use]
     pub fn eval_seen(&self, view: Direction, light: Direction) -> Evaluation {
         self.over_bands(|pearl| pearl.eval_own(view, light, Viewer::AtIncidence))

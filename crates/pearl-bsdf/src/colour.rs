@@ -36,7 +36,7 @@ pub(crate) struct Colours {
     /// 1 − A, limit included.
     rest: Quads,
     /// tint·Ê over θo.
-    illuminant: Quads,
+    emission: Quads,
     /// Whether there is an angle at which the base would send out more than it receives.
     overflows: bool,
     /// 1/(π(1 − A_avg)).
@@ -53,7 +53,7 @@ pub(crate) struct Colours {
 /// What the three channels are.
 pub(crate) struct Palette {
     pub(crate) modulation: [Monotone; 3],
-    pub(crate) illuminant: [Monotone; 3],
+    pub(crate) emission: [Monotone; 3],
     pub(crate) body: [f64; 3],
     pub(crate) tint: [f64; 3],
 }
@@ -62,12 +62,12 @@ impl Palette {
     /// Without interference colours, or in the RGB of those that there are.
     pub(crate) fn rgb(spectra: Option<&Spectra>, controls: &Controls) -> Self {
         let coherent = spectra.and_then(|s| s.coherent.as_ref());
-        let illuminant = spectra.and_then(|s| s.illuminant.as_ref());
+        let emission = spectra.and_then(|s| s.emission.as_ref());
         Self {
             modulation: [0, 1, 2]
                 .map(|c| angle_curve(coherent.map(|s| (&s.theta_deg, &s.modulation_rgb)), |row| row[c])),
-            illuminant: [0, 1, 2]
-                .map(|c| angle_curve(illuminant.map(|s| (&s.theta_deg, &s.emission_rgb)), |row| row[c])),
+            emission: [0, 1, 2]
+                .map(|c| angle_curve(emission.map(|s| (&s.theta_deg, &s.radiance_rgb)), |row| row[c])),
             body: controls.body_rgb,
             tint: controls.tint_rgb,
         }
@@ -76,13 +76,13 @@ impl Palette {
     /// Bands 3g, 3g + 1, 3g + 2; the last band stands in for those beyond it.
     pub(crate) fn bands(spectra: &Spectra, controls: &Controls, group: usize) -> Self {
         let band = |c: usize| (3 * group + c).min(spectra.wavelength_nm.len() - 1);
-        let (coherent, illuminant) = (spectra.coherent.as_ref(), spectra.illuminant.as_ref());
+        let (coherent, emission) = (spectra.coherent.as_ref(), spectra.emission.as_ref());
         let at = |rgb: [f64; 3], c: usize| reflectance(rgb, spectra.wavelength_nm[band(c)]);
         Self {
             modulation: [0, 1, 2]
                 .map(|c| angle_curve(coherent.map(|s| (&s.theta_deg, &s.modulation)), |row| row[band(c)])),
-            illuminant: [0, 1, 2]
-                .map(|c| angle_curve(illuminant.map(|s| (&s.theta_deg, &s.emission)), |row| row[band(c)])),
+            emission: [0, 1, 2]
+                .map(|c| angle_curve(emission.map(|s| (&s.theta_deg, &s.radiance)), |row| row[band(c)])),
             body: [0, 1, 2].map(|c| at(controls.body_rgb, c)),
             tint: [0, 1, 2].map(|c| at(controls.tint_rgb, c)),
         }
@@ -115,7 +115,7 @@ pub(crate) struct Angles {
     pub(crate) half: Place,
 }
 
-/// Which of the two directions the viewer is at: the illuminant is read there.
+/// Which of the two directions the viewer is at: the emission is read there.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Viewer {
     AtExit,
@@ -147,8 +147,7 @@ impl Colours {
             let modulation = palette.tint[c] * palette.modulation[c].at(curve::theta_at(node));
             controls.brightness * ((1.0 - gamma) + gamma * modulation)
         });
-        let illuminant =
-            tabulate(|node, c| palette.tint[c] * palette.illuminant[c].at(curve::theta_at(node)));
+        let emission = tabulate(|node, c| palette.tint[c] * palette.emission[c].at(curve::theta_at(node)));
         let mut shares = mean_factors(&factor, half_angles);
         for (share, component) in
             shares.iter_mut().zip([Component::Interior, Component::Surface, Component::Rehit])
@@ -182,15 +181,14 @@ impl Colours {
         let left = [0, 1, 2].map(|c| curve::hemispherical_mean(|node| rest[node][c]));
         let base = padded(left.map(|left| if left > NOTHING_LEFT { 1.0 / (PI * left) } else { 0.0 }));
         let body = padded(palette.body);
-        let overflows = illuminant
-            .iter()
-            .any(|colour| (0..3).any(|c| body[c] * ((1.0 - depth) + depth * colour[c]) > 1.0));
+        let overflows =
+            emission.iter().any(|colour| (0..3).any(|c| body[c] * ((1.0 - depth) + depth * colour[c]) > 1.0));
         let mut this = Self {
             factor: read_together(&factor),
             limited: limit.iter().flatten().any(|limit| *limit < 1.0),
             limit: read_together(&limit),
             rest: read_together(&rest),
-            illuminant: read_together(&illuminant),
+            emission: read_together(&emission),
             overflows,
             base,
             body,
@@ -202,7 +200,7 @@ impl Colours {
             // Colour and 1 − A are read linearly one by one; their product at the nodes misses the curvature of
             // the product only, 1e-6 of it at these steps.
             let sent =
-                |node: usize, c: usize| rest[node][c] * this.base_colour(padded(illuminant[node]))[part][c];
+                |node: usize, c: usize| rest[node][c] * this.base_colour(padded(emission[node]))[part][c];
             [0, 1, 2].map(|c| curve::hemispherical_mean(|node| sent(node, c)) / left[c].max(NOTHING_LEFT))
         });
         this
@@ -211,10 +209,10 @@ impl Colours {
     /// What the base makes of the light at a viewing angle: ρ(1 − depth) and ρ·depth·Ê, lowered together where they would
     /// send out more than they receive. By angle: what a viewer sees of a white surrounding must not exceed it either.
     #[inline(always)]
-    fn base_colour(&self, illuminant: Channels) -> [Channels; 2] {
+    fn base_colour(&self, emission: Channels) -> [Channels; 2] {
         let (mut diffuse, mut incoherent) = ([0.0; 4], [0.0; 4]);
         for c in 0..4 {
-            let (plain, coloured) = (1.0 - self.depth, self.depth * illuminant[c]);
+            let (plain, coloured) = (1.0 - self.depth, self.depth * emission[c]);
             let body = if self.overflows {
                 self.body[c] / (self.body[c] * (plain + coloured)).max(1.0)
             } else {
@@ -232,7 +230,7 @@ impl Colours {
         let Angles { incidence: at_i, exit: at_o, half: at_d } = at;
         let view = if matches!(viewer, Viewer::AtExit) { at_o } else { at_i };
         let (rest_i, rest_o) = (at_i.read4(&self.rest), at_o.read4(&self.rest));
-        let [diffuse, incoherent] = self.base_colour(channels(view.read4(&self.illuminant)));
+        let [diffuse, incoherent] = self.base_colour(channels(view.read4(&self.emission)));
         let mut terms = Terms { diffuse, incoherent, lobe: self.lobe_factor(at_i, at_d) };
         for c in 0..4 {
             let base = self.base[c] * cos_o * f64::from(rest_i[c] * rest_o[c]);
@@ -262,8 +260,8 @@ impl Colours {
 
     /// The same, viewed from the incidence.
     pub(crate) fn base_albedo_seen(&self, at_i: Place) -> [[f64; 3]; 2] {
-        let illuminant = channels(at_i.read4(&self.illuminant));
-        self.sent_of(channels(at_i.read4(&self.rest)), self.base_colour(illuminant).map(three))
+        let emission = channels(at_i.read4(&self.emission));
+        self.sent_of(channels(at_i.read4(&self.rest)), self.base_colour(emission).map(three))
     }
 
     fn sent_of(&self, rest: Channels, parts: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
@@ -274,8 +272,8 @@ impl Colours {
     /// Directional albedo as seen at a node, mean of the channels: interior, rehit, surface, diffuse, incoherent.
     pub(crate) fn mean_albedos(&self, node: usize) -> [f64; 5] {
         let mean = |rgb: [f64; 3]| rgb.iter().sum::<f64>() / 3.0;
-        let (rest, illuminant) = (channels(self.rest[node]), channels(self.illuminant[node]));
-        let [diffuse, incoherent] = self.sent_of(rest, self.base_colour(illuminant).map(three));
+        let (rest, emission) = (channels(self.rest[node]), channels(self.emission[node]));
+        let [diffuse, incoherent] = self.sent_of(rest, self.base_colour(emission).map(three));
         [
             mean(self.shares[0][node]),
             mean(self.shares[2][node]),

@@ -98,19 +98,19 @@ pub enum BsdfError {
         control: &'static str,
         /// Value found.
         value: f64,
-        /// Effect that was not baked: `coherent` or `illuminant`.
+        /// Effect that was not baked: `coherent` or `emission`.
         effect: &'static str,
         /// Why the bake left it out, in brackets, or empty.
         reason: String,
     },
     /// The table itself is not valid.
     #[error(transparent)]
-    Table(#[from] lut_io::Flaw),
+    Table(#[from] lut_io::FieldError),
 }
 
 impl Controls {
     /// The controls of the recipe in the table, defaults where it says nothing. Depth is 0 for a table
-    /// without illuminant colours, coherence for one without coherent ones (section `spectra`).
+    /// without emission colours, coherence for one without coherent ones (section `spectra`).
     #[must_use]
     pub fn of(meta: &Meta) -> Self {
         let look = &meta.recipe["look"];
@@ -124,7 +124,7 @@ impl Controls {
         }
         let has =
             |part: &str| meta.extra.get(spectra::KEY).is_some_and(|spectra| spectra.get(part).is_some());
-        if !has("illuminant") {
+        if !has("emission") {
             controls.depth = 0.0;
         }
         if !has("coherent") {
@@ -136,9 +136,9 @@ impl Controls {
     /// Checks that the table has the colours that the controls ask for.
     pub(crate) fn check_against(&self, meta: &Meta, spectra: Option<&Spectra>) -> Result<(), BsdfError> {
         let has_coherent = spectra.is_some_and(|s| s.coherent.is_some());
-        let has_illuminant = spectra.is_some_and(|s| s.illuminant.is_some());
+        let has_emission = spectra.is_some_and(|s| s.emission.is_some());
         for (control, value, effect, has) in [
-            ("depth", self.depth, "illuminant", has_illuminant),
+            ("depth", self.depth, "emission", has_emission),
             ("coherence", self.coherence, "coherent", has_coherent),
         ] {
             if value > 0.0 && !has {

@@ -22,7 +22,7 @@
 //! wi looks at the surface and light arrives from wo: [`PearlBsdf::eval_seen`].
 
 use crate::{Direction, PearlBsdf};
-use lut_io::Flaw;
+use lut_io::FieldError;
 use lut_io::tensor_file::{Field, Values};
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -350,15 +350,15 @@ impl Reader {
     ///
     /// # Errors
     /// A field that is missing or of another shape.
-    pub fn new(fields: &[Field]) -> Result<Self, Flaw> {
+    pub fn new(fields: &[Field]) -> Result<Self, FieldError> {
         let field = |name: &str, dimensions: usize| {
             let found = fields.iter().find(|field| field.name == name);
-            let field = found.ok_or_else(|| Flaw::new(name, "is missing"))?;
+            let field = found.ok_or_else(|| FieldError::new(name, "is missing"))?;
             match &field.values {
                 Values::F32(values) if field.shape.len() == dimensions && !values.is_empty() => {
                     Ok((field.shape.as_slice(), values))
                 }
-                _ => Err(Flaw::new(
+                _ => Err(FieldError::new(
                     name,
                     format!("has the shape {:?}, expected {dimensions} dimensions of f32", field.shape),
                 )),
@@ -367,7 +367,7 @@ impl Reader {
         let doubles = |values: &[f32]| values.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
         let (phi_i, _) = field("phi_i", 1)?;
         if phi_i != [1] {
-            return Err(Flaw::new(
+            return Err(FieldError::new(
                 "phi_i",
                 format!("has {phi_i:?} entries, expected 1: an isotropic material"),
             ));
@@ -379,7 +379,7 @@ impl Reader {
         };
         let (shape, values) = field(if wavelengths_nm.is_empty() { "rgb" } else { "spectra" }, 5)?;
         let (vndf_shape, vndf) = field("vndf", 4)?;
-        let first_row = |name: &str| -> Result<Vec<f64>, Flaw> {
+        let first_row = |name: &str| -> Result<Vec<f64>, FieldError> {
             let (shape, values) = field(name, 2)?;
             Ok(doubles(&values[..shape[1]]))
         };
@@ -393,7 +393,7 @@ impl Reader {
         if !fits {
             let problem =
                 format!("{vndf_shape:?} and values of {shape:?} do not fit {} incidences", theta_i.len());
-            return Err(Flaw::new("vndf", problem));
+            return Err(FieldError::new("vndf", problem));
         }
         let [rows, columns] = [vndf_shape[2], vndf_shape[3]];
         let warps = vndf.chunks(rows * columns).map(|slice| Warp::new(slice, rows, columns)).collect();

@@ -104,7 +104,7 @@ struct Span {
 
 /// What is known along θi, of interior and rehit: what is read over the albedo, which restores it, and the share of what is sampled
 /// that falls into the cap around the normal. A mixture's light is nearly linear along a span; one over it is not where a row adds
-/// many times its share, as that of the normal does in a walk table.
+/// many times its share, as that of the normal does in a space table.
 type Along = [f32; 4];
 
 /// Area of what is outside the cap.
@@ -158,7 +158,7 @@ pub(crate) struct Incidence {
     between: Between,
     along: Along,
     columns: Warp,
-    /// Decay tables: sin θi / w². Walk tables: the width of the φ cells.
+    /// Decay tables: sin θi / w². Space tables: the width of the φ cells.
     azimuth: f32,
 }
 
@@ -306,13 +306,13 @@ impl Tabulated {
         (Warp::two_sided(lo, theta_i + moved, FRAC_PI_2, width, self.inverse_width, cells), moved)
     }
 
-    /// Width of the φ cells of walk tables at an incidence.
+    /// Width of the φ cells of space tables at an incidence.
     #[inline(always)]
     fn row_width(&self, sin_i: f64, cos_i: f64, moved: f64) -> f32 {
         (self.cell_width * angles::cotangent(sin_i, cos_i, moved)) as f32
     }
 
-    /// The φ axis of walk tables whose φ cells have this width.
+    /// The φ axis of space tables whose φ cells have this width.
     #[inline(always)]
     fn around(&self, width: f32) -> Warp {
         Warp::one_sided(0.0, PI, f64::from(width), f64::from(1.0 / width), self.rows)
@@ -412,7 +412,7 @@ impl Tabulated {
         Light { values: restored(&at.along, &values), densities }
     }
 
-    /// Of walk tables.
+    /// Of space tables.
     #[inline(always)]
     fn light_of_space(&self, at: &Incidence, theta_o: f64, sin_o: f64, y2: f64) -> Light {
         let (column, per_theta) = at.columns.position(theta_o);
@@ -454,7 +454,7 @@ impl Tabulated {
         angles::between(&near, &far, between.fraction)
     }
 
-    /// The [`Values`] between two rows of a walk table.
+    /// The [`Values`] between two rows of a space table.
     #[inline(always)]
     fn read_rows(&self, between: Between, row: Cell, column: Cell) -> Values {
         let near = self.read(between, row.index, column);
@@ -507,7 +507,7 @@ impl Tabulated {
         split(select, near / (near + far), node, next)
     }
 
-    /// Where a uniform number falls among the φ rows of an incidence of a walk table.
+    /// Where a uniform number falls among the φ rows of an incidence of a space table.
     #[inline(always)]
     fn find_row(&self, component: usize, node: usize, v: f64) -> Found {
         let sampling = &self.sampling[component];
@@ -537,13 +537,13 @@ impl Tabulated {
         find(density, &sampling.cdf[range.clone()], &sampling.guide[range], sampling.row_total[row], u)
     }
 
-    /// Column at the edge of the cap in walk tables.
+    /// Column at the edge of the cap in space tables.
     #[inline(always)]
     fn cap_edge(&self, columns: &Warp) -> f64 {
         f64::from(columns.position(self.cap.radius).0)
     }
 
-    /// Share of the cap's area up to a number that falls into it, in a row of a walk table.
+    /// Share of the cap's area up to a number that falls into it, in a row of a space table.
     #[inline]
     fn cap_area(&self, component: usize, row: usize, cap_edge: f64, u: f64) -> f64 {
         let sampling = &self.sampling[component];
@@ -571,13 +571,13 @@ impl Tabulated {
         s.abs() < self.cap.radius
     }
 
-    /// θo at a column's angle of walk tables.
+    /// θo at a column's angle of space tables.
     #[inline(always)]
     fn theta_of_space(&self, theta: f64, area: f64) -> f64 {
         if area >= 0.0 { self.cap.theta(area) } else { least(greatest(theta, 0.0), FRAC_PI_2) }
     }
 
-    /// φ in turns, of walk tables; NaN where nothing is left.
+    /// φ in turns, of space tables; NaN where nothing is left.
     #[inline(always)]
     fn turn_of_space(&self, azimuth: f32, around: f64, left: f64, area: f64) -> f64 {
         let phi = least(self.around(azimuth).at(around.abs()), PI).copysign(around);
@@ -606,7 +606,7 @@ fn densities_of_plane(forward: &Values, retro: &Values, ahead: f32, back: f32) -
     [density(DENSITIES), density(DENSITIES + 1)]
 }
 
-/// Positions of a walk table per solid angle: half of the light is on either side of the plane of incidence.
+/// Positions of a space table per solid angle: half of the light is on either side of the plane of incidence.
 #[inline(always)]
 fn scale_of_space(per_theta: f32, per_phi: f32, sin_o: f64) -> f32 {
     0.5 * per_theta * per_phi / sin_o as f32

@@ -777,7 +777,7 @@ mod tests {
         assert_claims_are_kept((0..400).chain(LONG_REGULAR).collect::<Vec<u64>>());
     }
 
-    /// The illuminant of a clear stack takes the fast lanes however deep it is, up to grazing incidence, and is that of the robust
+    /// The emission of a clear stack takes the fast lanes however deep it is, up to grazing incidence, and is that of the robust
     /// field.
     #[test]
     fn emission_of_deep_stacks_stays_fast_and_right() {

@@ -6,9 +6,9 @@
 
 pub mod colour;
 pub mod dense;
+pub mod emission;
 pub mod ensemble;
 pub mod field;
-pub mod illuminant;
 pub mod intensity;
 pub mod library;
 pub mod line;

@@ -1,9 +1,9 @@
-//! What a BSDF reads: M(λ, θ) = R_coherent/R_incoherent and the illuminant Ê(λ, θo) with unit mean over wavelength.
+//! What a BSDF reads: M(λ, θ) = R_coherent/R_incoherent and the emission Ê(λ, θo) with unit mean over wavelength.
 
 use rayon::prelude::*;
 
+use crate::emission::{self, SourceProfile};
 use crate::ensemble;
-use crate::illuminant::{self, SourceProfile};
 use crate::intensity::{Light, incoherent};
 use crate::stack::{Stack, StackError};
 
@@ -31,12 +31,12 @@ pub fn modulation(
     angles.par_iter().zip(coherent).map(row).collect()
 }
 
-/// Ê(λ, θo): [`illuminant::emission`], the mean of `members` draws, each row divided by its mean over the wavelengths, so
+/// Ê(λ, θo): [`emission::radiance`], the mean of `members` draws, each row divided by its mean over the wavelengths, so
 /// that the hue goes with the view and the brightness stays with the walk.
 ///
 /// # Errors
-/// As [`illuminant::emission`].
-pub fn illuminant(
+/// As [`emission::radiance`].
+pub fn emission(
     stack: &Stack,
     profile: SourceProfile,
     seed: u64,
@@ -47,7 +47,7 @@ pub fn illuminant(
     let members = if stack.is_irregular() { members.max(1) } else { 1 };
     let mut sums = vec![vec![0.0; wavelengths.len()]; angles.len()];
     for member in 0..members {
-        let emission = illuminant::emission(&stack.draw(seed, member)?, profile, wavelengths, angles)?;
+        let emission = emission::radiance(&stack.draw(seed, member)?, profile, wavelengths, angles)?;
         for (sum, value) in sums.iter_mut().flatten().zip(emission.iter().flatten()) {
             *sum += value;
         }

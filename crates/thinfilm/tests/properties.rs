@@ -8,7 +8,7 @@ use rand::rngs::StdRng;
 use rayon::prelude::*;
 use thinfilm::{
     Gain, Incidence, Layer, Material, Multilayer, Polarisation, Response, Run, Stack, StackLayer, StackRun,
-    colour, dense, ensemble, illuminant, intensity, line, modulation,
+    colour, dense, emission, ensemble, intensity, line, modulation,
 };
 
 fn real(n: f64) -> Complex64 {
@@ -308,10 +308,10 @@ proptest! {
         }
         let rows = [
             modulation::modulation(&stack, seed, 2, &waves, &[theta]),
-            modulation::illuminant(&stack, illuminant::SourceProfile::Uniform, seed, 2, &waves, &[theta]),
+            modulation::emission(&stack, emission::SourceProfile::Uniform, seed, 2, &waves, &[theta]),
         ];
         prop_assert!(rows.iter().flatten().flatten().flatten().all(|x| !x.is_nan()));
-        if let Ok(emission) = illuminant::emission(&stack, illuminant::SourceProfile::Uniform, &waves, &[theta]) {
+        if let Ok(emission) = emission::radiance(&stack, emission::SourceProfile::Uniform, &waves, &[theta]) {
             prop_assert!(emission.iter().flatten().all(|x| !x.is_nan()));
         }
         let whole = [

@@ -76,7 +76,7 @@ class ExitAxis:
         return -HALF_PI if self.plane else 0.0
 
     def columns_at(self, theta_i):
-        """Columns of the row at θi: signed exit angle s (decay tables) or θo (walk tables)."""
+        """Columns of the row at θi: signed exit angle s (decay tables) or θo (space tables)."""
 
         def withdrawal(room):
             return np.hypot(room, self.width) - room

@@ -335,7 +335,7 @@ def _pearl(base):
             mirror = rehit + self.facets.eval(pair.half) * scale
             diffuse, incoherent, show_mirror, show_blur = (float(shown) for shown in self._enabled(ctx))
             lobe = interior * show_blur + mirror * show_mirror
-            # The one of the two directions that looks at the surface gives the illuminant's hue.
+            # The one of the two directions that looks at the surface gives the emission's hue.
             view = 0 if ctx.mode == mi.TransportMode.Radiance else 1
             depth = self.used_depth
             light = Light(lobe, pair.exit.cos, depth, (1.0 - depth) * diffuse, depth * incoherent)

@@ -71,10 +71,10 @@ def _count(at, value, even):
 
 def _axis(axis, azimuth):
     """Whether the table is one of the walk."""
-    kinds = {"decay": "plane", "walk": "space"}
+    kinds = {"decay": "plane", "space": "space"}
     kind = axis.get("kind")
     if kind not in kinds.values() or azimuth not in kinds or kinds[azimuth] != kind:
-        raise Flaw(f"exit_axis.kind: is {kind!r} with azimuth {azimuth!r}; decay goes with plane, walk with space")
+        raise Flaw(f"exit_axis.kind: is {kind!r} with azimuth {azimuth!r}; decay goes with plane, space with space")
     _number("exit_axis.width", axis.get("width"), 1e-7, 0.5236, "1e-7 to π/6 radians")
     if kind == "plane":
         _count("exit_axis.cells", axis.get("cells"), even=True)
@@ -127,7 +127,7 @@ def _spectra(section):
     for i, (a, b) in enumerate(zip(nm, nm[1:])):
         if abs(b - a - step) > 1e-3 * step:
             raise Flaw(f"{at}[{i + 1}]: is {b:g}, expected equally spaced bands")
-    for name, key in (("coherent", "modulation"), ("illuminant", "emission")):
+    for name, key in (("coherent", "modulation"), ("emission", "radiance")):
         if name not in section:
             continue
         part = is_object(f"spectra.{name}", section[name])

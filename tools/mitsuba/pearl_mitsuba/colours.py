@@ -27,7 +27,7 @@ class Palette:
     #: tint of a channel = weights [channel, rgb] · tint.
     tint_weights: np.ndarray
     modulation: np.ndarray
-    illuminant: np.ndarray
+    emission: np.ndarray
     #: Albedo of interior, surface, rehit where the factor is 1 ([lobe, node]) and where it is M ([lobe, channel, node]).
     plain: np.ndarray
     modulated: np.ndarray
@@ -62,7 +62,7 @@ class Palette:
         else:
             modulated = np.moveaxis(table.coloured_albedos(modulation.T), 1, 2)
             plain = table.coloured_albedos(np.ones((curves.NODES, 1)))[:, :, 0]
-        return cls(weights, modulation, rows(spectra and spectra.illuminant), plain, modulated, table.reciprocal)
+        return cls(weights, modulation, rows(spectra and spectra.emission), plain, modulated, table.reciprocal)
 
 
 def band_weights(nm):
@@ -104,7 +104,7 @@ class Derived:
     #: 1 − A, limit included.
     rest: object
     #: tint·Ê.
-    illuminant: object
+    emission: object
     #: Per channel: 1 − A_avg.
     left: object
 
@@ -116,7 +116,7 @@ class Deriver:
         self.ops, self.channels, self.one_limit = ops, palette.channels, palette.one_limit
         flat = lambda rows: ops.array(np.broadcast_to(rows, (palette.channels, curves.NODES)).ravel())  # noqa: E731
         self.tint_weights = [ops.array(column) for column in palette.tint_weights.T]
-        self.modulation, self.illuminant = flat(palette.modulation), flat(palette.illuminant)
+        self.modulation, self.emission = flat(palette.modulation), flat(palette.emission)
         self.plain, self.modulated = flat(palette.plain.sum(axis=0)), flat(palette.modulated.sum(axis=0))
         self.hemispherical = flat(curves.HEMISPHERICAL)
 
@@ -133,9 +133,9 @@ class Deriver:
         most = ops.repeat(ops.block_max(albedo, n), n) if self.one_limit else albedo
         limit = 1.0 / ops.maximum(most, 1.0)
         rest = ops.maximum(1.0 - albedo * limit, 0.0)
-        illuminant = tint * self.illuminant
+        emission = tint * self.emission
         left = ops.block_sum(self.hemispherical * rest, n)
-        return Derived(factor, limit, rest, illuminant, left)
+        return Derived(factor, limit, rest, emission, left)
 
 
 def chances(palette, controls, body, shown):
@@ -152,7 +152,7 @@ def chances(palette, controls, body, shown):
     interior, surface, rehit = (np.maximum(lobes, 0.0) * by_channel(derived.limit)).mean(axis=1)
     lit = derived.left > _NOTHING_LEFT
     # As a viewer sees it, with the limit of `_shade`.
-    body, coloured = np.where(lit, body, 0.0)[:, None], depth * by_channel(derived.illuminant)
+    body, coloured = np.where(lit, body, 0.0)[:, None], depth * by_channel(derived.emission)
     base = body / np.maximum(body * ((1.0 - depth) + coloured), 1.0) * by_channel(derived.rest)
     diffuse = (base * (1.0 - depth)).mean(axis=0)
     incoherent = (base * coloured).mean(axis=0)

@@ -8,7 +8,7 @@ from .table import BAKE, PearlError
 COMPONENTS = ("diffuse", "incoherent", "mirror", "blur")
 PARAMETERS = ("filename", "depth", "brightness", "coherence", "body_color", "tint", "components")
 #: The effect of a bake that a control needs, and the part of the section `spectra` that holds it.
-_NEEDS = {"depth": "illuminant", "coherence": "coherent"}
+_NEEDS = {"depth": "emission", "coherence": "coherent"}
 
 
 _DEFAULT_BODY = (0.8, 0.78, 0.75)
@@ -109,7 +109,7 @@ def has(table, effect):
     """Whether a table has the interference colours of an effect."""
     if table.spectra is None:
         return False
-    part = table.spectra.illuminant if effect == "illuminant" else table.spectra.modulation
+    part = table.spectra.emission if effect == "emission" else table.spectra.modulation
     return part is not None
 
 

@@ -230,7 +230,7 @@ class Incidence:
     columns: Warp
     #: Room above the columns' centre: the elevation of the centre.
     room: object
-    #: sin θi/w² (decay tables), or the φ axis (walk tables).
+    #: sin θi/w² (decay tables), or the φ axis (space tables).
     concentration: object
     phi: Warp | None
 
@@ -394,7 +394,7 @@ class Tabulated:
 
     def read(self, at, exit, active):
         """What `eval` and `pdf` need of the cells around an exit: two records of values and densities, ahead and back
-        (decay tables), or of the two φ rows (walk tables)."""
+        (decay tables), or of the two φ rows (space tables)."""
         if self.axis.plane:
             return [self._read(self.cells, at, 0, cell, active) for cell in exit.cells]
         row = exit.row[0] * self.columns
@@ -497,7 +497,7 @@ class Exit:
     #: Column cells ahead and back (decay) or one (walk), and dx/dposition there.
     cells: list
     slopes: list
-    #: φ cell and dω/d(positions), walk tables.
+    #: φ cell and dω/d(positions), space tables.
     row: tuple | None
     measure: object
     #: Concentration of the decay, decay tables.

@@ -25,12 +25,12 @@ class Light:
     diffuse: object
     incoherent: object
 
-    def coloured(self, body, scale, rest_i, rest_o, limit, factor, illuminant):
+    def coloured(self, body, scale, rest_i, rest_o, limit, factor, emission):
         """f·cos θo in one channel; scale: that of the base (`_base`)."""
         # At no viewing angle does the base send out more than it receives.
-        sent = body * dr.fma(self.depth, illuminant - 1.0, 1.0)
+        sent = body * dr.fma(self.depth, emission - 1.0, 1.0)
         matte = body * scale / dr.maximum(sent, 1.0) * rest_i * rest_o * self.cos_o
-        return self.lobe * factor * limit + matte * (self.diffuse + self.incoherent * illuminant)
+        return self.lobe * factor * limit + matte * (self.diffuse + self.incoherent * emission)
 
 
 def _base(types, derived):
@@ -56,7 +56,7 @@ class Channels:
         channel = np.minimum(np.arange(width), self.count - 1)
         places = channel * curves.NODES + _NODES[:, None]
         store = lambda flat: types.rearranged(flat, places, width)  # noqa: E731
-        self.rest, self.factor, self.illuminant = map(store, (derived.rest, derived.factor, derived.illuminant))
+        self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
         self.limit = store(derived.limit) if _limits(types, derived.limit) else None
         self.base = types.rearranged(_base(types, derived), channel[None], width)
 
@@ -67,7 +67,7 @@ class Channels:
         scale = self.base.read(self.types.UInt32(0), active)
         limit = read(self.limit, at_i) if self.limit else [1.0] * self.count
         records = (
-            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.illuminant, places[view])
+            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.emission, places[view])
         )  # fmt: skip
         asked = range(self.count) if wavelengths is None else [0] * len(wavelengths)
         return [
@@ -86,7 +86,7 @@ class Bands:
         node = np.minimum(_NODES[:, None] + np.array([0, 1, 0, 1]), curves.STEPS)
         band = np.arange(self.last)[:, None, None] + np.array([0, 0, 1, 1])
         store = lambda flat: types.rearranged(flat, band * curves.NODES + node, 4)  # noqa: E731
-        self.rest, self.factor, self.illuminant = map(store, (derived.rest, derived.factor, derived.illuminant))
+        self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
         self.limit = store(derived.limit) if _limits(types, derived.limit) else None
         low = np.arange(self.last)[:, None]
         self.base = types.rearranged(_base(types, derived), low + np.array([0, 1]), 2)
@@ -108,7 +108,7 @@ class Bands:
         scales = self.base.read(band, active)
         limit = read(self.limit, at_i) if self.limit else (1.0, 1.0)
         records = (
-            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.illuminant, places[view])
+            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.emission, places[view])
         )  # fmt: skip
         below, above = (
             light.coloured(body, scale, *(record[k] for record in records)) for k, scale in enumerate(scales)

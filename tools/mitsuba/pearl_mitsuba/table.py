@@ -41,14 +41,14 @@ class PearlError(ValueError):
 
 @dataclass(frozen=True)
 class Spectra:
-    """Interference colours over θ (radians) and wavelength (nm): modulation M of the lobes, illuminant Ê of the base.
+    """Interference colours over θ (radians) and wavelength (nm): modulation M of the lobes, emission Ê of the base.
 
     Each of the two is None where the table has none, else a pair (θ, values[θ, channel]) per kind of channel.
     """
 
     wavelength_nm: np.ndarray
     modulation: dict | None
-    illuminant: dict | None
+    emission: dict | None
 
     @classmethod
     def of(cls, section):
@@ -65,7 +65,7 @@ class Spectra:
             }
 
         nm = np.array(section["wavelength_nm"], float)
-        return cls(nm, part("coherent", "modulation"), part("illuminant", "emission"))
+        return cls(nm, part("coherent", "modulation"), part("emission", "radiance"))
 
 
 @dataclass(frozen=True, eq=False)

@@ -363,7 +363,7 @@ fn meta(
         solver_settings,
         azimuth: match axis {
             ExitAxis::Plane { .. } => AzimuthMode::Decay,
-            ExitAxis::Space { .. } => AzimuthMode::Walk,
+            ExitAxis::Space { .. } => AzimuthMode::Space,
         },
         wavelength_nm: request.recipe.light.wavelength_nm,
         accuracy,

@@ -427,8 +427,8 @@ mod tests {
             azimuth: None,
             asked: Some(Asked::parse(effects).unwrap()),
         };
-        let clear = "surface,blur,azimuth:walk,dispersion";
-        let absorbing = "surface,blur,azimuth:walk,dispersion,absorption";
+        let clear = "surface,blur,azimuth:space,dispersion";
+        let absorbing = "surface,blur,azimuth:space,dispersion,absorption";
         let cases = [("clear plan", clear, 1), ("absorbing plan", absorbing, 2)];
         for (name, effects, times) in cases {
             let named = GLASSY.replacen('{', &format!("{{\"name\":\"{name}\","), 1);

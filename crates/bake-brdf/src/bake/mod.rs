@@ -238,7 +238,7 @@ impl Request {
     pub fn geometry(&self) -> Geometry {
         match self.recipe.azimuth.mode {
             AzimuthMode::Decay => Geometry::Plane,
-            AzimuthMode::Walk => Geometry::Space,
+            AzimuthMode::Space => Geometry::Space,
         }
     }
 
@@ -445,8 +445,8 @@ fn walk_only(transport: &Transport) -> Option<&'static str> {
     (transport.light == Light::Tracked).then_some("s and p are tracked by the walk only")
 }
 
-fn invalid(flaw: lut_io::Flaw) -> BakeError {
-    BakeError::Input(format!("the table would not be valid: {flaw}"))
+fn invalid(error: lut_io::FieldError) -> BakeError {
+    BakeError::Input(format!("the table would not be valid: {error}"))
 }
 
 /// Bakes with the Monte Carlo walk, at bands from [`Request::bands`]; goes on from `resume` where that is given. A bake that is
@@ -488,7 +488,7 @@ fn coloured(request: &Request, mut table: Table, colours: &Colours) -> Result<Ta
         dispersion.store(&mut table.meta).map_err(invalid)?;
     }
     let held = |effect: Effect| match effect {
-        Effect::Coherent | Effect::Illuminant => colours.effects().contains(effect),
+        Effect::Coherent | Effect::Emission => colours.effects().contains(effect),
         Effect::Irregularity => colours.effects() != EffectSet::NONE,
         _ => true,
     };

@@ -123,7 +123,7 @@ fn bake_as_walked(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeErr
         return super::walk(&request, &bands, observer, None);
     }
     // A time gives other path counts every time: those of the table are walked.
-    let further = Dispersion::of(meta).map_err(|flaw| BakeError::Input(flaw.to_string()))?;
+    let further = Dispersion::of(meta).map_err(|error| BakeError::Input(error.to_string()))?;
     let further = further.iter().flat_map(|section| &section.bands).flat_map(|band| &band.per_incidence);
     let paths: Vec<u64> = meta.per_incidence.iter().chain(further).map(|at| at.paths).collect();
     let (mut sampling, lobes) = request.sampling(&bands, Shard::WHOLE)?;

@@ -693,7 +693,7 @@ mod tests {
             let text = format!(
                 r#"{{"schema": "pearl-recipe/1", "stack": {{"layers": {layers}}}, "facets": {{"slope_sd_deg": {sigma_deg}}}}}"#
             );
-            for mode in [AzimuthMode::Decay, AzimuthMode::Walk] {
+            for mode in [AzimuthMode::Decay, AzimuthMode::Space] {
                 let mut recipe = Recipe::from_json(&text).unwrap();
                 recipe.azimuth.mode = mode;
                 let request = Request {

@@ -9,7 +9,7 @@ use crate::tally::{CellShares, Cells};
 use lut_io::axis::ExitAxis;
 use lut_io::both_sides::{BothSides, FromBelow, Passage, PerPassage};
 use lut_io::table::{Lobe, Solver, SummaryErrors};
-use lut_io::{Flaw, Table, measure};
+use lut_io::{FieldError, Table, measure};
 use rayon::prelude::*;
 use transport::Transport;
 use transport::doubling::{ErrorEstimate, Lobe as SolvedLobe, Solution};
@@ -24,7 +24,7 @@ pub(super) fn add(
     transport: &Transport,
     solution: &Solution,
     below: &Solution,
-) -> Result<(), Flaw> {
+) -> Result<(), FieldError> {
     let axis = table.meta.exit_axis;
     let accuracy = |i: usize| {
         let percent = |errors: fn(&ErrorEstimate) -> &Vec<f64>, side: &Solution| {
@@ -66,7 +66,7 @@ fn add_lobes(
     [above, below]: [&[SolvedLobe]; 2],
     accuracy: &dyn Fn(usize) -> PerPassage,
     rows: &(dyn Fn(Passage, usize, f64) -> Vec<f64> + Sync),
-) -> Result<(), Flaw> {
+) -> Result<(), FieldError> {
     let axis = table.meta.exit_axis;
     let n = &transport.indices;
     // Solutions may hold further angles behind those of the request.
@@ -170,7 +170,7 @@ pub(super) fn smooth_table(
     axis: &ExitAxis,
     lobes: &[SolvedLobe],
     below: Option<&[SolvedLobe]>,
-) -> Result<Table, Flaw> {
+) -> Result<Table, FieldError> {
     let beam = |theta: f64, light: f64| {
         let direction = [libm::sin(theta) as f32, 0.0, libm::cos(theta) as f32];
         let (_, cell) = Cells::new(axis, theta).locate(direction);

@@ -90,7 +90,7 @@ const fn name(contender: Contender) -> &'static str {
 const fn mode(azimuth: AzimuthMode) -> &'static str {
     match azimuth {
         AzimuthMode::Decay => "plane",
-        AzimuthMode::Walk => "space",
+        AzimuthMode::Space => "space",
     }
 }
 
@@ -147,10 +147,10 @@ fn figure(study: &Study) -> Scene {
     let styles = [
         (Contender::WalkF32, AzimuthMode::Decay, "#0072b2", "walk, plane"),
         (Contender::WalkF64, AzimuthMode::Decay, "#7f7f7f", "walk, plane, 64 bits"),
-        (Contender::WalkF32, AzimuthMode::Walk, "#56b4e9", "walk, space"),
-        (Contender::WalkF64, AzimuthMode::Walk, "#b3b3b3", "walk, space, 64 bits"),
+        (Contender::WalkF32, AzimuthMode::Space, "#56b4e9", "walk, space"),
+        (Contender::WalkF64, AzimuthMode::Space, "#b3b3b3", "walk, space, 64 bits"),
         (Contender::Doubling, AzimuthMode::Decay, "#d55e00", "doubling, plane"),
-        (Contender::Doubling, AzimuthMode::Walk, "#e69f00", "doubling, space"),
+        (Contender::Doubling, AzimuthMode::Space, "#e69f00", "doubling, space"),
     ];
     let mut plots: Vec<Plot> = Vec::new();
     for (contender, azimuth, colour, label) in styles {

@@ -36,7 +36,7 @@ pub(crate) struct TermsArgs {
     #[arg(long, value_enum)]
     azimuth: Option<AzimuthArg>,
     /// Effects to bake, separated by commas, in place of those that the look calls for: surface, blur, azimuth
-    /// (azimuth:decay, azimuth:walk), polarisation, absorption, dispersion, coherent, coherent_sheets, illuminant,
+    /// (azimuth:decay, azimuth:space), polarisation, absorption, dispersion, coherent, coherent_sheets, emission,
     /// irregularity, body, texture; or all that the recipe has matter for.
     #[arg(long, value_name = "LIST")]
     effects: Option<String>,
@@ -68,7 +68,7 @@ enum PrecisionArg {
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
 enum AzimuthArg {
     Decay,
-    Walk,
+    Space,
 }
 
 impl TermsArgs {
@@ -76,7 +76,7 @@ impl TermsArgs {
     pub(crate) fn terms(&self, default_solver: Option<SolverChoice>) -> Result<Terms, Stop> {
         let azimuth = self.azimuth.map(|mode| match mode {
             AzimuthArg::Decay => AzimuthMode::Decay,
-            AzimuthArg::Walk => AzimuthMode::Walk,
+            AzimuthArg::Space => AzimuthMode::Space,
         });
         let asked = self.effects.as_deref().map(Asked::parse).transpose();
         let asked = asked.map_err(|why| Stop::BadInput(format!("--{why}")))?;

@@ -164,7 +164,7 @@ fn controls(view: &View, effects: EffectSet, table: &Table) -> Controls {
     let recipe = Controls::of(&table.meta);
     let shown = view.shown.value;
     Controls {
-        depth: view.depth.value * has(Effect::Illuminant),
+        depth: view.depth.value * has(Effect::Emission),
         coherence: view.coherence.value * has(Effect::Coherent),
         brightness: view.brightness.value,
         body_rgb: view.body.value.unwrap_or(recipe.body_rgb).map(|channel| channel * has(Effect::Body)),

@@ -64,7 +64,7 @@ fn point(scene: &Scene, element: &Element, baked: &Baked, edits: &mut Edits) {
     if let Some(recipe) = named("recipe") {
         list.push((recipe.range.clone(), String::new()));
     }
-    for (control, effect) in [("depth", Effect::Illuminant), ("coherence", Effect::Coherent)] {
+    for (control, effect) in [("depth", Effect::Emission), ("coherence", Effect::Coherent)] {
         let set = named(control).and_then(|c| c.attributes.iter().find(|a| a.name == "value"));
         if let Some(attribute) = set.filter(|_| !baked.effects.contains(effect)) {
             list.push((attribute.range.clone(), "0".to_owned()));

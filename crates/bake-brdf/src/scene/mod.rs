@@ -99,7 +99,7 @@ impl Scene {
 
     /// The text of a copy, for a file in `folder`: includes inlined, each used pearl pointing at its table (in the order of
     /// [`Self::pearls`]), unused pearls replaced by a diffuse placeholder, relative file names made to work from there. A
-    /// control without effect in a pearl (depth without `illuminant`, coherence without `coherent`) becomes 0: its
+    /// control without effect in a pearl (depth without `emission`, coherence without `coherent`) becomes 0: its
     /// table has no data for it.
     #[must_use]
     pub fn copy(&self, folder: &Path, tables: &[Option<Baked>]) -> String {

@@ -56,7 +56,7 @@ pub(crate) fn run(args: &CheckArgs) -> Outcome {
 
 fn honesty(table: &Table, file: &Path, other: &Path) -> Result<Vec<Honesty>, Stop> {
     check::honesty(table, &read(other)?)
-        .map_err(|flaw| Stop::bad_input(format!("{} against {}: {flaw}", file.display(), other.display())))
+        .map_err(|error| Stop::bad_input(format!("{} against {}: {error}", file.display(), other.display())))
 }
 
 fn honest(found: &Honesty) -> bool {

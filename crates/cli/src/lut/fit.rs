@@ -4,7 +4,7 @@ use crate::FileArg;
 use lut_io::compact::analytic::{self, MAX_ORDER};
 use lut_io::compact::{self, Compact, DeltaE, Form, Loss, packing, thin};
 use lut_io::lobe::Interpolant;
-use lut_io::{Flaw, Table, diff, exr_file};
+use lut_io::{FieldError, Table, diff, exr_file};
 use nacre_cli::preview::{Lighting, Quality, SUM, Shape, render, tone};
 use pearl_bsdf::{Controls, PearlBsdf};
 use serde_json::json;
@@ -13,7 +13,7 @@ use terminal::{Outcome, Stop};
 
 /// Total variation that the fewer cells and incidences of a table may cost unless asked otherwise, per cent.
 const DEFAULT_TOTAL_VARIATION_PERCENT: f64 = 0.3;
-/// Order of the analytic distribution unless asked otherwise: 16 coefficients in decay tables, 72 in walk tables.
+/// Order of the analytic distribution unless asked otherwise: 16 coefficients in decay tables, 72 in space tables.
 const DEFAULT_ORDER: u16 = 15;
 /// Significant digits of the interference colours: what a form saves elsewhere must not be spent on digits.
 const ANALYTIC_BAND_DIGITS: usize = 3;
@@ -39,7 +39,7 @@ pub(crate) struct FitArgs {
     /// Analytic reflection distribution, or a smaller table.
     #[arg(long, value_enum, default_value = "analytic")]
     form: FormArg,
-    /// analytic: order of the polynomial along θo (in walk tables half of it along φ) [default: 15].
+    /// analytic: order of the polynomial along θo (in space tables half of it along φ) [default: 15].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=i64::from(MAX_ORDER)))]
     order: Option<u16>,
     /// table: what fewer cells and incidences may cost, total variation in per cent of the reflected light; 0 keeps all
@@ -65,28 +65,28 @@ pub(crate) fn run(args: &FitArgs) -> Outcome {
     let permitted = permitted(args)?;
     let lobe = crate::read_lobe(path)?;
     crate::check_output(path, &args.output)?;
-    let flawed = |flaw: Flaw| Stop::bad_input(format!("{}: {flaw}", path.display()));
+    let invalid = |error: FieldError| Stop::bad_input(format!("{}: {error}", path.display()));
     let source_bytes = std::fs::metadata(path)
         .map_err(|why| Stop::failure(format!("{}: cannot read the file: {why}", path.display())))?
         .len();
     let mut compact = match args.form {
         FormArg::Analytic => {
             let terms = analytic::terms(&lobe.table().meta.exit_axis, args.order.unwrap_or(DEFAULT_ORDER));
-            compact::fitted(lobe.table(), terms, source_bytes).map_err(flawed)?
+            compact::fitted(lobe.table(), terms, source_bytes).map_err(invalid)?
         }
         FormArg::Table => {
             let thin = if permitted > 0.0 {
-                thin::thinned(&lobe, permitted).map_err(flawed)?
+                thin::thinned(&lobe, permitted).map_err(invalid)?
             } else {
                 lobe.table().clone()
             };
-            compact::halved(&thin, source_bytes).map_err(flawed)?
+            compact::halved(&thin, source_bytes).map_err(invalid)?
         }
     };
     let digits = if args.form == FormArg::Analytic { ANALYTIC_BAND_DIGITS } else { TABLE_BAND_DIGITS };
-    packing::round(&mut compact.meta, digits).map_err(flawed)?;
+    packing::round(&mut compact.meta, digits).map_err(invalid)?;
     let lost = state_loss(&mut compact, &lobe, path)?;
-    let bytes = exr_file::encode_compact(&compact).map_err(flawed)?;
+    let bytes = exr_file::encode_compact(&compact).map_err(invalid)?;
     lut_io::atomic::write(&args.output, &bytes)
         .map_err(|why| Stop::failure(format!("{}: cannot write the file: {why}", args.output.display())))?;
     let uniform = (args.form == FormArg::Table).then(|| uniform(&lobe, &compact.meta));
@@ -111,9 +111,9 @@ fn permitted(args: &FitArgs) -> Result<f64, Stop> {
 
 /// Measures what the compact form lost, as it is read back from its bytes, and writes it into its metadata.
 fn state_loss(compact: &mut Compact, lobe: &Interpolant, path: &Path) -> Result<Loss, Stop> {
-    let flawed = |flaw: Flaw| Stop::bad_input(format!("{}: {flaw}", path.display()));
+    let invalid = |error: FieldError| Stop::bad_input(format!("{}: {error}", path.display()));
     let decoded =
-        exr_file::encode_compact(compact).and_then(|bytes| exr_file::decode(&bytes)).map_err(flawed)?;
+        exr_file::encode_compact(compact).and_then(|bytes| exr_file::decode(&bytes)).map_err(invalid)?;
     let read_back = Interpolant::new(decoded);
     let difference = diff::diff(lobe, &read_back);
     let errors = difference.per_incidence.iter().map(|at| at.total_variation_percent);
@@ -128,9 +128,9 @@ fn state_loss(compact: &mut Compact, lobe: &Interpolant, path: &Path) -> Result<
         at.accuracy_percent += own.map_or(0.0, |own| own.total_variation_percent);
     }
     compact.meta.accuracy.reached_percent += lost.total_variation_percent;
-    let mut section = compact.section().map_err(flawed)?;
+    let mut section = compact.section().map_err(invalid)?;
     section.error = lost;
-    section.store(&mut compact.meta).map_err(flawed)?;
+    section.store(&mut compact.meta).map_err(invalid)?;
     Ok(lost)
 }
 

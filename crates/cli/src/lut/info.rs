@@ -99,7 +99,7 @@ fn azimuth(meta: &Meta) -> String {
         AzimuthMode::Decay => {
             "decay postulate on the plane walk; moments of the signed exit angle".to_owned()
         }
-        AzimuthMode::Walk => "walked in space; moments of the polar exit angle".to_owned(),
+        AzimuthMode::Space => "walked in space; moments of the polar exit angle".to_owned(),
     }
 }
 

@@ -9,7 +9,7 @@ use terminal::{Outcome, Stop};
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Values are f·cos θo in 1/sr. At a stored incidence, with --phi 0 or 180 (decay tables) or the centre
-of a φ cell (walk tables), they are the stored numbers bit by bit; elsewhere they are interpolated.
+of a φ cell (space tables), they are the stored numbers bit by bit; elsewhere they are interpolated.
 
 Examples:
   lut slice pearl.exr --theta-i 30 --phi 0 --csv
@@ -57,7 +57,7 @@ pub(crate) fn run(args: &SliceArgs) -> Outcome {
 fn passage(args: &SliceArgs, passage: Passage) -> Outcome {
     let table = crate::read(&args.file.file)?;
     let slice = both_sides::slice(&table, passage, args.theta_i, args.phi)
-        .map_err(|flaw| Stop::bad_input(format!("{}: {flaw}", args.file.file.display())))?;
+        .map_err(|error| Stop::bad_input(format!("{}: {error}", args.file.file.display())))?;
     let columns =
         [("theta_o_deg".to_owned(), slice.theta_o_deg.as_slice()), (passage.name().to_owned(), &slice.value)];
     if args.json {
@@ -79,7 +79,7 @@ fn passage(args: &SliceArgs, passage: Passage) -> Outcome {
 fn reflected(args: &SliceArgs) -> Outcome {
     let lobe = read_lobe(&args.file.file)?;
     slice::check_angles(&lobe, args.theta_i, args.phi)
-        .map_err(|flaw| Stop::bad_input(format!("{}: {flaw}", args.file.file.display())))?;
+        .map_err(|error| Stop::bad_input(format!("{}: {error}", args.file.file.display())))?;
     let slice = Slice::new(&lobe, args.theta_i, args.phi);
     if args.json {
         return terminal::print_json(&json(&slice));

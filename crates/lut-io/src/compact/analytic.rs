@@ -13,7 +13,7 @@
 use crate::axis::ExitAxis;
 use crate::check::incidence;
 use crate::compact::KEY;
-use crate::error::Flaw;
+use crate::error::FieldError;
 use crate::measure;
 use crate::table::{Component, Table};
 use serde::{Deserialize, Serialize};
@@ -52,13 +52,16 @@ pub fn terms(axis: &ExitAxis, order: u16) -> Vec<Term> {
 }
 
 /// Checks terms that a file claims.
-pub(super) fn check(terms: &[Term], axis: &ExitAxis) -> Result<(), Flaw> {
+pub(super) fn check(terms: &[Term], axis: &ExitAxis) -> Result<(), FieldError> {
     let field = || format!("{KEY}.form.terms");
     if terms.is_empty() || terms.len() > MAX_TERMS {
-        return Err(Flaw::new(field(), format!("has {} entries, expected 1 to {MAX_TERMS}", terms.len())));
+        return Err(FieldError::new(
+            field(),
+            format!("has {} entries, expected 1 to {MAX_TERMS}", terms.len()),
+        ));
     }
     if terms[0] != Term(0, 0) {
-        return Err(Flaw::new(field(), "does not start with the constant, expected [0, 0] first"));
+        return Err(FieldError::new(field(), "does not start with the constant, expected [0, 0] first"));
     }
     let plane = matches!(axis, ExitAxis::Plane { .. });
     let wrong = |t: &&Term| t.0 > MAX_ORDER || t.1 > MAX_ORDER || (plane && t.1 > 0);
@@ -67,7 +70,10 @@ pub(super) fn check(terms: &[Term], axis: &ExitAxis) -> Result<(), Flaw> {
         Some(Term(m, n)) => {
             let second =
                 if plane { "0 (no azimuth in decay tables)".to_owned() } else { format!("0 to {MAX_ORDER}") };
-            Err(Flaw::new(field(), format!("has [{m}, {n}], expected orders 0 to {MAX_ORDER} and {second}")))
+            Err(FieldError::new(
+                field(),
+                format!("has [{m}, {n}], expected orders 0 to {MAX_ORDER} and {second}"),
+            ))
         }
     }
 }

@@ -8,7 +8,7 @@ pub mod analytic;
 pub mod packing;
 pub mod thin;
 
-use crate::error::Flaw;
+use crate::error::FieldError;
 use crate::table::{Component, Lobe, Meta, SCHEMA, Table};
 use analytic::Term;
 use serde::{Deserialize, Serialize};
@@ -88,7 +88,7 @@ impl Section {
     ///
     /// # Errors
     /// It is there and is not valid.
-    pub fn of(meta: &Meta) -> Result<Option<Self>, Flaw> {
+    pub fn of(meta: &Meta) -> Result<Option<Self>, FieldError> {
         meta.section(KEY)
     }
 
@@ -96,7 +96,7 @@ impl Section {
     ///
     /// # Errors
     /// A number that JSON cannot say.
-    pub fn store(&self, meta: &mut Meta) -> Result<(), Flaw> {
+    pub fn store(&self, meta: &mut Meta) -> Result<(), FieldError> {
         meta.put_section(KEY, self)
     }
 }
@@ -106,7 +106,7 @@ impl Compact {
     ///
     /// # Errors
     /// It is missing, or does not fit the table's axes.
-    pub fn section(&self) -> Result<Section, Flaw> {
+    pub fn section(&self) -> Result<Section, FieldError> {
         section_of(&self.meta)
     }
 
@@ -114,7 +114,7 @@ impl Compact {
     ///
     /// # Errors
     /// A form that does not fit the metadata, or samples that make no table.
-    pub fn expand(self) -> Result<Table, Flaw> {
+    pub fn expand(self) -> Result<Table, FieldError> {
         let section = self.section()?;
         let incidences = self.meta.per_incidence.len();
         let axis = self.meta.exit_axis;
@@ -159,7 +159,7 @@ impl Compact {
 ///
 /// # Errors
 /// As [`Compact::section`].
-pub(crate) fn image_size(meta: &Meta) -> Result<(usize, usize), Flaw> {
+pub(crate) fn image_size(meta: &Meta) -> Result<(usize, usize), FieldError> {
     let incidences = meta.per_incidence.len();
     Ok(match section_of(meta)?.form {
         Form::Analytic { terms } => (terms.len(), incidences),
@@ -168,14 +168,14 @@ pub(crate) fn image_size(meta: &Meta) -> Result<(usize, usize), Flaw> {
 }
 
 /// The valid section of metadata that must have one.
-pub(crate) fn section_of(meta: &Meta) -> Result<Section, Flaw> {
+pub(crate) fn section_of(meta: &Meta) -> Result<Section, FieldError> {
     let section = Section::of(meta)?
-        .ok_or_else(|| Flaw::new(KEY, format!("is missing, expected it in a {COMPACT_SCHEMA} file")))?;
+        .ok_or_else(|| FieldError::new(KEY, format!("is missing, expected it in a {COMPACT_SCHEMA} file")))?;
     let incidences = meta.per_incidence.len();
     let cells = incidences.saturating_mul(meta.exit_axis.cells());
     if cells > MAX_EXPANDED_CELLS {
         let problem = format!("expands to {cells} cells, expected at most {MAX_EXPANDED_CELLS}");
-        return Err(Flaw::new(KEY, problem));
+        return Err(FieldError::new(KEY, problem));
     }
     match &section.form {
         Form::Analytic { terms } => analytic::check(terms, &meta.exit_axis)?,
@@ -186,18 +186,18 @@ pub(crate) fn section_of(meta: &Meta) -> Result<Section, Flaw> {
                     "has {} entries, expected one for each of the {incidences} incidences",
                     exponent.len()
                 );
-                return Err(Flaw::new(field, problem));
+                return Err(FieldError::new(field, problem));
             }
             if let Some(wrong) = exponent.iter().flatten().find(|e| !(-200..=127).contains(*e)) {
-                return Err(Flaw::new(field, format!("has {wrong}, expected -200 to 127")));
+                return Err(FieldError::new(field, format!("has {wrong}, expected -200 to 127")));
             }
         }
     }
     if meta.extra.contains_key(crate::both_sides::KEY) {
-        return Err(Flaw::new(crate::both_sides::KEY, "has no place in a compact file"));
+        return Err(FieldError::new(crate::both_sides::KEY, "has no place in a compact file"));
     }
     if meta.extra.contains_key(crate::dispersion::KEY) {
-        return Err(Flaw::new(
+        return Err(FieldError::new(
             crate::dispersion::KEY,
             "has no place in a compact file, which holds one lobe; expected a table baked without the effect dispersion",
         ));
@@ -209,7 +209,7 @@ pub(crate) fn section_of(meta: &Meta) -> Result<Section, Flaw> {
 ///
 /// # Errors
 /// A table that is too large, or that holds light from below or lobes at further wavelengths.
-pub fn halved(table: &Table, source_bytes: u64) -> Result<Compact, Flaw> {
+pub fn halved(table: &Table, source_bytes: u64) -> Result<Compact, FieldError> {
     let cells = table.meta.exit_axis.cells();
     let mut exponent = vec![[0; 3]; table.meta.per_incidence.len()];
     let samples = std::array::from_fn(|component| {
@@ -232,13 +232,18 @@ pub fn halved(table: &Table, source_bytes: u64) -> Result<Compact, Flaw> {
 ///
 /// # Errors
 /// As [`halved`], or terms that make no distribution.
-pub fn fitted(table: &Table, terms: Vec<Term>, source_bytes: u64) -> Result<Compact, Flaw> {
+pub fn fitted(table: &Table, terms: Vec<Term>, source_bytes: u64) -> Result<Compact, FieldError> {
     analytic::check(&terms, &table.meta.exit_axis)?;
     let samples = Component::ALL.map(|name| analytic::fit(table, name, &terms));
     compact(table, Form::Analytic { terms }, samples, source_bytes)
 }
 
-fn compact(table: &Table, form: Form, samples: [Vec<f32>; 3], source_bytes: u64) -> Result<Compact, Flaw> {
+fn compact(
+    table: &Table,
+    form: Form,
+    samples: [Vec<f32>; 3],
+    source_bytes: u64,
+) -> Result<Compact, FieldError> {
     let mut meta = table.meta.clone();
     meta.schema = COMPACT_SCHEMA.to_owned();
     Section { form, source_bytes, error: Loss::default() }.store(&mut meta)?;

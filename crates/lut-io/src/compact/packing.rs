@@ -1,6 +1,6 @@
 //! Metadata of compact files: numbers rounded to what they are worth, deflated, and written as base64 text.
 
-use crate::error::Flaw;
+use crate::error::FieldError;
 use crate::exr_file::{ATTRIBUTE, MAX_META_BYTES};
 use crate::spectra::Spectra;
 use crate::table::Meta;
@@ -25,19 +25,23 @@ pub(crate) struct Packed {
 }
 
 /// Packs metadata given as JSON text.
-pub(crate) fn pack(schema: &str, json: &str) -> Result<String, Flaw> {
+pub(crate) fn pack(schema: &str, json: &str) -> Result<String, FieldError> {
     let deflated = miniz_oxide::deflate::compress_to_vec_zlib(json.as_bytes(), LEVEL);
     let packed = Packed { schema: schema.to_owned(), packed: STANDARD.encode(deflated) };
-    serde_json::to_string(&packed).map_err(|error| Flaw::new("metadata", error.to_string()))
+    serde_json::to_string(&packed).map_err(|error| FieldError::new("metadata", error.to_string()))
 }
 
 /// The JSON text of packed metadata; at most [`MAX_META_BYTES`].
-pub(crate) fn unpack(packed: &str) -> Result<Vec<u8>, Flaw> {
+pub(crate) fn unpack(packed: &str) -> Result<Vec<u8>, FieldError> {
     let field = || format!("attribute {ATTRIBUTE} field packed");
-    let deflated =
-        STANDARD.decode(packed).map_err(|error| Flaw::new(field(), format!("is not base64: {error}")))?;
+    let deflated = STANDARD
+        .decode(packed)
+        .map_err(|error| FieldError::new(field(), format!("is not base64: {error}")))?;
     miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(&deflated, MAX_META_BYTES).map_err(|error| {
-        Flaw::new(field(), format!("does not inflate to at most {MAX_META_BYTES} bytes: {:?}", error.status))
+        FieldError::new(
+            field(),
+            format!("does not inflate to at most {MAX_META_BYTES} bytes: {:?}", error.status),
+        )
     })
 }
 
@@ -47,7 +51,7 @@ pub(crate) fn unpack(packed: &str) -> Result<Vec<u8>, Flaw> {
 ///
 /// # Errors
 /// A section `spectra` that is not valid.
-pub fn round(meta: &mut Meta, band_digits: usize) -> Result<(), Flaw> {
+pub fn round(meta: &mut Meta, band_digits: usize) -> Result<(), FieldError> {
     let share = |x: f64| to_digits(x, SHARE_DIGITS);
     for s in &mut meta.per_incidence {
         for field in [&mut s.albedo, &mut s.absorbed, &mut s.truncated, &mut s.surface, &mut s.rehit] {
@@ -86,9 +90,9 @@ pub fn round(meta: &mut Meta, band_digits: usize) -> Result<(), Flaw> {
         coherent.modulation_rgb.iter_mut().flatten().for_each(rgb);
         coherent.incoherent.iter_mut().for_each(rgb);
     }
-    if let Some(illuminant) = &mut spectra.illuminant {
-        illuminant.emission.iter_mut().flatten().for_each(band);
-        illuminant.emission_rgb.iter_mut().flatten().for_each(rgb);
+    if let Some(emission) = &mut spectra.emission {
+        emission.radiance.iter_mut().flatten().for_each(band);
+        emission.radiance_rgb.iter_mut().flatten().for_each(rgb);
     }
     spectra.store(meta)
 }

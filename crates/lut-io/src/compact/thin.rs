@@ -2,7 +2,7 @@
 
 use crate::axis::ExitAxis;
 use crate::diff;
-use crate::error::Flaw;
+use crate::error::FieldError;
 use crate::lobe::Interpolant;
 use crate::measure;
 use crate::table::{Component, IncidenceSummary, Lobe, Table};
@@ -22,7 +22,7 @@ const FEWEST_CELLS: usize = 4;
 ///
 /// # Errors
 /// A table whose cells cannot be read.
-pub fn thinned(lobe: &Interpolant, percent: f64) -> Result<Table, Flaw> {
+pub fn thinned(lobe: &Interpolant, percent: f64) -> Result<Table, FieldError> {
     let table = lobe.table();
     let axis = coarsest(lobe, SHARE_OF_CELLS * percent);
     let incidences = sparsest(lobe, &axis, percent);

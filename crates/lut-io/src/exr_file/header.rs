@@ -3,7 +3,7 @@
 //! one type, f32 or in compact files f16, no sub-sampling, ZIP or no compression). Layout: "OpenEXR File Layout", openexr.com.
 
 use super::{ATTRIBUTE, MAX_META_BYTES};
-use crate::error::Flaw;
+use crate::error::FieldError;
 use crate::table::{MAX_AXIS_CELLS, MAX_CELLS};
 use exr::meta::attribute::SampleType;
 use exr::prelude::Compression;
@@ -33,17 +33,17 @@ pub(super) struct Header<'a> {
 }
 
 /// Reads the header at the start of a file.
-pub(super) fn parse(bytes: &[u8]) -> Result<Header<'_>, Flaw> {
+pub(super) fn parse(bytes: &[u8]) -> Result<Header<'_>, FieldError> {
     let mut cursor = Cursor { bytes, at: 0 };
     if cursor.bytes.len() < 8 || bytes[..4] != MAGIC {
-        return Err(Flaw::new("file", format!("{}, expected an OpenEXR file", describe(bytes))));
+        return Err(FieldError::new("file", format!("{}, expected an OpenEXR file", describe(bytes))));
     }
     cursor.at = 4;
     let version = cursor.u32("version")?;
     // Bit 10 (long names) is harmless; tiles, deep data and several parts are not a table.
     if version & 0xff != 2 || version & !0x4ff != 0 {
         let problem = format!("is 0x{version:x}, expected an OpenEXR 2 file with one scan-line part");
-        return Err(Flaw::new("OpenEXR version", problem));
+        return Err(FieldError::new("OpenEXR version", problem));
     }
     let mut found = Attributes::default();
     for _ in 0..MAX_ATTRIBUTES {
@@ -56,12 +56,12 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Header<'_>, Flaw> {
         let limit = if name == ATTRIBUTE { MAX_META_BYTES } else { MAX_BYTES };
         if size > limit {
             let problem = format!("claims {size} bytes, expected at most {limit}");
-            return Err(Flaw::new(format!("attribute {name:?}"), problem));
+            return Err(FieldError::new(format!("attribute {name:?}"), problem));
         }
         let value = cursor.take(size, name)?;
         found.note(name, kind, value)?;
     }
-    Err(Flaw::new("header", format!("has more than {MAX_ATTRIBUTES} attributes")))
+    Err(FieldError::new("header", format!("has more than {MAX_ATTRIBUTES} attributes")))
 }
 
 fn describe(bytes: &[u8]) -> String {
@@ -90,7 +90,7 @@ struct Attributes<'a> {
 }
 
 impl<'a> Attributes<'a> {
-    fn note(&mut self, name: &str, kind: &str, value: &'a [u8]) -> Result<(), Flaw> {
+    fn note(&mut self, name: &str, kind: &str, value: &'a [u8]) -> Result<(), FieldError> {
         let expected_kind = match name {
             "channels" => "chlist",
             "compression" => "compression",
@@ -100,7 +100,7 @@ impl<'a> Attributes<'a> {
         };
         if kind != expected_kind {
             let problem = format!("is of type {kind:?}, expected {expected_kind}");
-            return Err(Flaw::new(format!("attribute {name}"), problem));
+            return Err(FieldError::new(format!("attribute {name}"), problem));
         }
         match name {
             "channels" => self.channels = Some(channel_list(value)?),
@@ -111,10 +111,10 @@ impl<'a> Attributes<'a> {
         Ok(())
     }
 
-    fn header(self, end: usize) -> Result<Header<'a>, Flaw> {
+    fn header(self, end: usize) -> Result<Header<'a>, FieldError> {
         let missing = |name: &str| {
             let problem = "is missing, expected a table written by `bake-brdf`";
-            Flaw::new(format!("attribute {name}"), problem)
+            FieldError::new(format!("attribute {name}"), problem)
         };
         let pearl = self.pearl.ok_or_else(|| missing(ATTRIBUTE))?;
         let (sample_type, channels) = self.channels.ok_or_else(|| missing("channels"))?;
@@ -132,7 +132,7 @@ impl<'a> Attributes<'a> {
 }
 
 /// Names of the channels, and the type that all of them have.
-fn channel_list(value: &[u8]) -> Result<(SampleType, Vec<String>), Flaw> {
+fn channel_list(value: &[u8]) -> Result<(SampleType, Vec<String>), FieldError> {
     let mut cursor = Cursor { bytes: value, at: 0 };
     let (mut kinds, mut names) = (None, Vec::new());
     loop {
@@ -142,7 +142,10 @@ fn channel_list(value: &[u8]) -> Result<(SampleType, Vec<String>), Flaw> {
             return Ok((kind, names));
         }
         if names.len() == MAX_CHANNELS {
-            return Err(Flaw::new("attribute channels", format!("lists more than {MAX_CHANNELS} channels")));
+            return Err(FieldError::new(
+                "attribute channels",
+                format!("lists more than {MAX_CHANNELS} channels"),
+            ));
         }
         let kind = cursor.u32("channels")?;
         cursor.take(4, "channels")?;
@@ -152,28 +155,28 @@ fn channel_list(value: &[u8]) -> Result<(SampleType, Vec<String>), Flaw> {
             let problem = format!(
                 "has type {kind} and sampling {sampling:?}, expected 2 (FLOAT; 1, HALF, in all channels of a compact file) and (1, 1)"
             );
-            return Err(Flaw::new(format!("channel {name}"), problem));
+            return Err(FieldError::new(format!("channel {name}"), problem));
         }
         names.push(name.to_owned());
     }
 }
 
-fn compression(value: &[u8]) -> Result<Compression, Flaw> {
+fn compression(value: &[u8]) -> Result<Compression, FieldError> {
     match value {
         [0] => Ok(Compression::Uncompressed),
         [2] => Ok(Compression::ZIP1),
         [3] => Ok(Compression::ZIP16),
         other => {
             let problem = format!("is {other:?}, expected 0 (none), 2 (ZIPS) or 3 (ZIP)");
-            Err(Flaw::new("attribute compression", problem))
+            Err(FieldError::new("attribute compression", problem))
         }
     }
 }
 
-fn data_window(value: &[u8]) -> Result<(usize, usize), Flaw> {
+fn data_window(value: &[u8]) -> Result<(usize, usize), FieldError> {
     let corner: Vec<i64> =
         value.chunks_exact(4).map(|b| i64::from(i32::from_le_bytes([b[0], b[1], b[2], b[3]]))).collect();
-    let fail = |problem: String| Err(Flaw::new("attribute dataWindow", problem));
+    let fail = |problem: String| Err(FieldError::new("attribute dataWindow", problem));
     let &[left, top, right, bottom] = corner.as_slice() else {
         return fail(format!("has {} bytes, expected 16", value.len()));
     };
@@ -210,31 +213,31 @@ impl Header<'_> {
     }
 
     /// Checks that the channels hold samples of this type.
-    pub(super) fn check_type(&self, expected: SampleType) -> Result<(), Flaw> {
+    pub(super) fn check_type(&self, expected: SampleType) -> Result<(), FieldError> {
         if self.sample_type == expected {
             return Ok(());
         }
         let problem = format!("are of type {:?}, expected {expected:?}", self.sample_type);
-        Err(Flaw::new("channels", problem))
+        Err(FieldError::new("channels", problem))
     }
 
     /// Checks that exactly these channels (sorted) are there.
-    pub(super) fn check_channels(&self, expected: &[String]) -> Result<(), Flaw> {
+    pub(super) fn check_channels(&self, expected: &[String]) -> Result<(), FieldError> {
         if let Some(missing) = expected.iter().find(|name| !self.channels.contains(name)) {
-            return Err(Flaw::new(format!("channel {missing}"), "is missing"));
+            return Err(FieldError::new(format!("channel {missing}"), "is missing"));
         }
         if let Some(extra) = self.channels.iter().find(|name| !expected.contains(name)) {
             let problem = format!("is not known in a {} table", crate::table::SCHEMA);
-            return Err(Flaw::new(format!("channel {extra:?}"), problem));
+            return Err(FieldError::new(format!("channel {extra:?}"), problem));
         }
         if self.channels != expected {
-            return Err(Flaw::new("attribute channels", "is not sorted by name without repeats"));
+            return Err(FieldError::new("attribute channels", "is not sorted by name without repeats"));
         }
         Ok(())
     }
 
     /// Checks the image size against that of the metadata.
-    pub(super) fn check_size(&self, (width, height): (usize, usize)) -> Result<(), Flaw> {
+    pub(super) fn check_size(&self, (width, height): (usize, usize)) -> Result<(), FieldError> {
         if (self.width, self.height) == (width, height) {
             return Ok(());
         }
@@ -242,11 +245,11 @@ impl Header<'_> {
             "makes {} × {} pixels, expected {width} × {height} (cells × rows of the metadata)",
             self.width, self.height
         );
-        Err(Flaw::new("attribute dataWindow", problem))
+        Err(FieldError::new("attribute dataWindow", problem))
     }
 
     /// The compressed bytes of every block, top to bottom.
-    pub(super) fn blocks<'b>(&self, bytes: &'b [u8]) -> Result<Vec<&'b [u8]>, Flaw> {
+    pub(super) fn blocks<'b>(&self, bytes: &'b [u8]) -> Result<Vec<&'b [u8]>, FieldError> {
         let mut offsets = Cursor { bytes, at: self.end };
         let table = offsets.take(8 * self.block_count(), "block offsets")?;
         let mut blocks = Vec::with_capacity(self.block_count());
@@ -258,13 +261,19 @@ impl Header<'_> {
         Ok(blocks)
     }
 
-    fn block<'b>(&self, bytes: &'b [u8], offset: u64, top: usize, rows: usize) -> Result<&'b [u8], Flaw> {
+    fn block<'b>(
+        &self,
+        bytes: &'b [u8],
+        offset: u64,
+        top: usize,
+        rows: usize,
+    ) -> Result<&'b [u8], FieldError> {
         let field = || format!("image rows from {top}");
         let start = usize::try_from(offset).ok().filter(|start| (self.end..bytes.len()).contains(start));
         let Some(start) = start else {
             let problem =
                 format!("lie at byte {offset} of {}: the file is truncated or damaged", bytes.len());
-            return Err(Flaw::new(field(), problem));
+            return Err(FieldError::new(field(), problem));
         };
         let mut cursor = Cursor { bytes, at: start };
         let row = cursor.u32(&field())?;
@@ -273,7 +282,7 @@ impl Header<'_> {
         if row as usize != top || size > raw || size.saturating_mul(MAX_EXPANSION) < raw {
             let problem =
                 format!("start with row {row} and {size} bytes for {raw} of pixels: the file is damaged");
-            return Err(Flaw::new(field(), problem));
+            return Err(FieldError::new(field(), problem));
         }
         cursor.take(size, &field())
     }
@@ -285,36 +294,36 @@ struct Cursor<'a> {
 }
 
 impl<'a> Cursor<'a> {
-    fn take(&mut self, count: usize, what: &str) -> Result<&'a [u8], Flaw> {
+    fn take(&mut self, count: usize, what: &str) -> Result<&'a [u8], FieldError> {
         let taken = self.at.checked_add(count).and_then(|end| self.bytes.get(self.at..end));
         let Some(taken) = taken else {
             let there = self.bytes.len() - self.at.min(self.bytes.len());
             let problem = format!("needs {count} bytes where {there} are left: the file is truncated");
-            return Err(Flaw::new(what, problem));
+            return Err(FieldError::new(what, problem));
         };
         self.at += count;
         Ok(taken)
     }
 
-    fn u32(&mut self, what: &str) -> Result<u32, Flaw> {
+    fn u32(&mut self, what: &str) -> Result<u32, FieldError> {
         let bytes = self.take(4, what)?;
         Ok(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
     }
 
     /// A zero-terminated ASCII name.
-    fn name(&mut self) -> Result<&'a str, Flaw> {
+    fn name(&mut self) -> Result<&'a str, FieldError> {
         let rest = &self.bytes[self.at.min(self.bytes.len())..];
         let head = &rest[..rest.len().min(MAX_NAME + 1)];
         let Some(length) = head.iter().position(|byte| *byte == 0) else {
             let problem = format!(
                 "has a name without an end within {MAX_NAME} bytes: the file is truncated or damaged"
             );
-            return Err(Flaw::new("header", problem));
+            return Err(FieldError::new("header", problem));
         };
         self.at += length + 1;
         match std::str::from_utf8(&head[..length]) {
             Ok(name) if name.is_ascii() => Ok(name),
-            _ => Err(Flaw::new("header", "has a name that is not ASCII")),
+            _ => Err(FieldError::new("header", "has a name that is not ASCII")),
         }
     }
 }

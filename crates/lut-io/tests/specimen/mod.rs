@@ -31,7 +31,7 @@ pub(crate) fn plane(theta_i_deg: &[f64], cells: usize) -> Table {
     table(theta_i_deg, ExitAxis::Plane { cells, width: 4f64.to_radians() })
 }
 
-/// A walk table.
+/// A space table.
 pub(crate) fn space(theta_i_deg: &[f64], theta_cells: usize, phi_cells: usize) -> Table {
     table(theta_i_deg, ExitAxis::Space { theta_cells, phi_cells, width: 4f64.to_radians() })
 }
@@ -139,7 +139,7 @@ fn meta(exit_axis: ExitAxis) -> Meta {
         solver_settings: serde_json::json!({"estimator": "analog"}),
         azimuth: match exit_axis {
             ExitAxis::Plane { .. } => AzimuthMode::Decay,
-            ExitAxis::Space { .. } => AzimuthMode::Walk,
+            ExitAxis::Space { .. } => AzimuthMode::Space,
         },
         wavelength_nm: 550.0,
         accuracy: Accuracy {

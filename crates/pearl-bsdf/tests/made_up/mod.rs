@@ -2,7 +2,7 @@
 #![allow(dead_code)] // each test program uses a part
 
 use lut_io::dispersion::Dispersion;
-use lut_io::spectra::{Coherent, Illuminant, Spectra};
+use lut_io::spectra::{Coherent, Emission, Spectra};
 use lut_io::table::Table;
 use pearl_bsdf::{Components, Controls, Direction};
 use rand::RngExt as _;
@@ -27,16 +27,16 @@ pub(crate) fn with_waves(mut table: Table, pitch: f64) -> Table {
         theta_deg.iter().map(|t| [0.0, 1.0, 2.0].map(|k| value(*t, k))).collect()
     };
     let modulation = |t: f64, k: f64| most(t) * 0.5 * (1.0 + wave(t, k));
-    let illuminant = |t: f64, k: f64| 1.0 + wave(0.7 * t, k + 0.3);
+    let emission = |t: f64, k: f64| 1.0 + wave(0.7 * t, k + 0.3);
     let coherent = Coherent {
         modulation: rows(&modulation),
         modulation_rgb: rgb(&modulation),
         incoherent: theta_deg.iter().map(|t| 1.0 / most(*t)).collect(),
         theta_deg: theta_deg.clone(),
     };
-    let emission = (rows(&illuminant), rgb(&illuminant));
-    let illuminant = Illuminant { emission: emission.0, emission_rgb: emission.1, theta_deg };
-    let spectra = Spectra { wavelength_nm, coherent: Some(coherent), illuminant: Some(illuminant) };
+    let radiance = (rows(&emission), rgb(&emission));
+    let emission = Emission { radiance: radiance.0, radiance_rgb: radiance.1, theta_deg };
+    let spectra = Spectra { wavelength_nm, coherent: Some(coherent), emission: Some(emission) };
     spectra.store(&mut table.meta).unwrap();
     table
 }

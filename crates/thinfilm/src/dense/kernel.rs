@@ -15,7 +15,7 @@ pub(super) struct DenseLayer {
     pub(super) medium: usize,
     /// Thickness, metres.
     pub(super) thickness: f64,
-    /// Source strength in it (illuminant only).
+    /// Source strength in it (emission only).
     pub(super) source: f64,
 }
 
@@ -68,9 +68,9 @@ pub(super) struct LosslessMedium {
     pub(super) up: [Lanes; 2],
     /// q/q_ref.
     pub(super) down: [Lanes; 2],
-    /// Weight of a layer's stored energy in ∫|E|² (illuminant only).
+    /// Weight of a layer's stored energy in ∫|E|² (emission only).
     pub(super) mean: [Lanes; 2],
-    /// Weight of the standing wave's part at its faces (illuminant only).
+    /// Weight of the standing wave's part at its faces (emission only).
     pub(super) face: [Lanes; 2],
 }
 
@@ -98,7 +98,7 @@ pub(super) struct TileResult {
     pub(super) transmittance: [Lanes; 2],
     /// Estimate of the error; NaN where nothing is known.
     pub(super) doubt: [Lanes; 2],
-    /// Σ source·∫|E|² for unit |ψ| incident (illuminant only).
+    /// Σ source·∫|E|² for unit |ψ| incident (emission only).
     pub(super) emission: [Lanes; 2],
 }
 

@@ -1,7 +1,7 @@
-//! The illuminant by reciprocity against sheets of current that radiate.
+//! The emission by reciprocity against sheets of current that radiate.
 
 use num_complex::Complex64;
-use thinfilm::illuminant::{SourceProfile, emission};
+use thinfilm::emission::{SourceProfile, radiance};
 use thinfilm::{Incidence, Layer, Material, Multilayer, Polarisation, Run, Stack, modulation};
 
 fn pearl(sd: f64, k: f64) -> Stack {
@@ -93,7 +93,7 @@ fn emission_by_reciprocity_is_what_sheets_of_current_radiate() {
 #[test]
 fn sources_below_the_stack_are_seen_through_it() {
     let stack = pearl(0.0, 0.0);
-    let seen = emission(&stack, SourceProfile::Substrate, &[500e-9], &[0.4]).unwrap()[0][0];
+    let seen = radiance(&stack, SourceProfile::Substrate, &[500e-9], &[0.4]).unwrap()[0][0];
     let solve =
         |pol| stack.at(500e-9).unwrap().solve(500e-9, Incidence::Angle(0.4), pol).unwrap().transmittance;
     let mean = 0.5 * (solve(Polarisation::S) + solve(Polarisation::P));
@@ -102,10 +102,10 @@ fn sources_below_the_stack_are_seen_through_it() {
 }
 
 #[test]
-fn the_illuminant_has_unit_mean_and_the_modulation_is_finite_to_grazing() {
+fn the_emission_has_unit_mean_and_the_modulation_is_finite_to_grazing() {
     let stack = pearl(0.03, 0.0);
     let wavelengths: Vec<f64> = (0..41).map(|i| 380e-9 + 10e-9 * f64::from(i)).collect();
-    let rows = modulation::illuminant(
+    let rows = modulation::emission(
         &stack,
         SourceProfile::Exponential { depth: 5e-6 },
         1,

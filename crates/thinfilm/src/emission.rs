@@ -24,7 +24,7 @@ pub enum SourceProfile {
 ///
 /// # Errors
 /// As [`dense::spectra`]; an angle of 90°, where radiance has no meaning; a depth that is not positive.
-pub fn emission(
+pub fn radiance(
     stack: &Stack,
     profile: SourceProfile,
     wavelengths: &[f64],
