@@ -118,7 +118,15 @@ pub struct FacetStatistics {
     #[schemars(range(min = 0, max = 45))]
     pub slope_sd_deg: f64,
     /// Weighting of the facets that a ray meets.
+    #[schemars(schema_with = "normals_schema")]
     pub normals: Normals,
+}
+
+fn normals_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+    schemars::json_schema!({ "oneOf": [
+        { "const": "unweighted", "description": "From the slope density, redrawn while facing away (the paper)." },
+        { "const": "visible", "description": "Also weighted by projected area." },
+    ] })
 }
 
 /// How light leaves the plane of incidence.
@@ -752,7 +760,15 @@ mod tests {
     #[test]
     fn the_schema_names_every_key_of_the_default_recipe() {
         let schema = Recipe::json_schema().to_string();
-        for key in ["slope_sd_deg", "thickness_sd_nm", "width_deg", "body_rgb", "wavelength_nm", "explicit"] {
+        for key in [
+            "slope_sd_deg",
+            "thickness_sd_nm",
+            "width_deg",
+            "body_rgb",
+            "wavelength_nm",
+            "explicit",
+            "visible",
+        ] {
             assert!(schema.contains(key), "{key}");
         }
     }

@@ -10,9 +10,7 @@ pub enum Geometry {
 }
 
 /// How facets are drawn.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, schemars::JsonSchema,
-)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Normals {
     /// From the slope density, redrawn while facing away (the paper).
