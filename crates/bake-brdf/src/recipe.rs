@@ -6,6 +6,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use thinfilm::emission::SourceProfile;
 use thinfilm::{Dispersion, Material};
 use transport::{Facets, Normals, Sheets, Transport};
 
@@ -65,6 +66,28 @@ pub struct Stack {
     /// Allows k < 0 (gain) in `thinfilm`; a bake refuses it.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub gain: bool,
+    /// Where the emission, the light of incoherent interference, comes from.
+    #[serde(skip_serializing_if = "EmissionSources::is_default")]
+    pub emission_sources: EmissionSources,
+}
+
+/// Where the emission comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum EmissionSources {
+    /// Everywhere in the layers alike.
+    #[default]
+    Uniform,
+    /// Falling as e^(−z/depth) from the first interface, given the depth in nm.
+    DepthNm(f64),
+    /// In the substrate.
+    Substrate,
+}
+
+impl EmissionSources {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// What `layers` counts.
@@ -213,6 +236,7 @@ impl Default for Stack {
             substrate: medium(1.53),
             explicit: None,
             gain: false,
+            emission_sources: EmissionSources::default(),
         }
     }
 }
@@ -393,6 +417,16 @@ impl Recipe {
         }
     }
 
+    /// Where the emission comes from.
+    #[must_use]
+    pub fn source_profile(&self) -> SourceProfile {
+        match self.stack.emission_sources {
+            EmissionSources::Uniform => SourceProfile::Uniform,
+            EmissionSources::DepthNm(depth) => SourceProfile::Exponential { depth: depth * 1e-9 },
+            EmissionSources::Substrate => SourceProfile::Substrate,
+        }
+    }
+
     /// The transport problem at a vacuum wavelength in metres.
     ///
     /// # Errors
@@ -561,6 +595,9 @@ impl Stack {
         {
             return Err(wrong("stack.layers", layers, format!("a stack has 1 to {MAX_LAYERS} layers")));
         }
+        if let EmissionSources::DepthNm(depth) = self.emission_sources {
+            within("stack.emission_sources.depth_nm", depth, 1.0, 1e9, "nm")?;
+        }
         self.ambient.check("stack.ambient", self.gain)?;
         self.substrate.check("stack.substrate", self.gain)?;
         let Some(explicit) = &self.explicit else {
@@ -674,8 +711,7 @@ mod tests {
 
     #[test]
     fn a_recipe_survives_its_own_json() {
-        let text =
-            r#"{"stack":{"layers":7,"count":"pairs","aragonite":{"n":{"cauchy":[1.5,0.01]},"k":1e-4}}}"#;
+        let text = r#"{"stack":{"layers":7,"count":"pairs","aragonite":{"n":{"cauchy":[1.5,0.01]},"k":1e-4},"emission_sources":{"depth_nm":5000}}}"#;
         let recipe = Recipe::from_json(text).unwrap();
         assert_eq!(
             recipe.stack.aragonite.thickness_nm,
@@ -687,6 +723,7 @@ mod tests {
         let again = Recipe::from_json(&recipe.to_json().to_string()).unwrap();
         assert_eq!(recipe, again);
         assert_eq!(again.transport(550e-9).unwrap().layers(), 14);
+        assert_eq!(again.source_profile(), SourceProfile::Exponential { depth: 5000.0 * 1e-9 });
     }
 
     #[test]
@@ -727,6 +764,8 @@ mod tests {
             (r#"{"stack":{"aragonite":{"n":0}}}"#, "stack.aragonite.n"),
             (r#"{"stack":{"substrate":{"n":"glass"}}}"#, "stack.substrate.n"),
             (r#"{"stack":{"conchiolin":{"k":-1}}}"#, "stack.conchiolin.k"),
+            (r#"{"stack":{"emission_sources":{"depth_nm":0}}}"#, "stack.emission_sources.depth_nm"),
+            (r#"{"stack":{"emission_sources":"above"}}"#, "stack.emission_sources"),
             (
                 r#"{"stack":{"layers":-1}}"#,
                 "stack.layers: invalid value: integer `-1`, expected a whole number",

@@ -1,16 +1,12 @@
-//! Interference colours of a recipe for rendering: M(λ, θ), Ê(λ, θ) and their RGB (MODEL §8, §9).
+//! Interference colours of a recipe for rendering: which stack, angles and wavelengths M(λ, θ) and Ê(λ, θ) take
+//! ([`thinfilm::modulation`] computes them), each only where it is [`Wanted`].
 //!
 //! Values are means over bands of 5 nm from 380 to 780 nm of as many wavelengths as the work allows, so that fringes
 //! (0.84 nm wide for 500 layers) do not alias; RGB is summed over the single wavelengths. A stack with irregular
 //! thicknesses is the mean over an ensemble drawn from a fixed seed.
 //!
-//! - M = R_coherent/R_incoherent; R_incoherent is what the walk tends to for σ → 0: reflectances of the interfaces, added
-//!   as intensities at the walk's wavelength. So lobe·M never reflects more than it receives, and for σ → 0 it is
-//!   R_coherent.
-//! - Ê ∝ (1/cos θ) ∫|E(z)|² dz over the layers for a unit wave entering at θ (reciprocity; uniform sources), with unit
-//!   mean over the bands.
-//!
-//! Each of the two is computed only where it is [`Wanted`].
+//! R_incoherent is what the walk tends to for σ → 0 at its wavelength. So lobe·M never reflects more than it receives, and for
+//! σ → 0 it is R_coherent.
 
 use crate::effects::{Effect, EffectSet};
 use crate::recipe::{Recipe, RecipeError};
@@ -19,7 +15,8 @@ use lut_io::spectra::{Coherent, Emission, Spectra};
 use lut_io::table::Meta;
 use rayon::prelude::*;
 use thinfilm::emission::SourceProfile;
-use thinfilm::{Dispersion, Material, Stack, StackError, StackRun, colour, ensemble, modulation};
+use thinfilm::modulation::{self, Banded, Sampling};
+use thinfilm::{Dispersion, Material, Stack, StackError, StackRun, colour, intensity};
 use transport::{Light, Transport};
 
 /// Bands over the visible range of [`colour::VISIBLE`]: 5 nm each.
@@ -79,7 +76,7 @@ pub enum SpectraError {
     /// The stack, or a wave in it.
     #[error("interference colours: {0}")]
     Stack(#[from] StackError),
-    /// An effect that was asked for by name.
+    /// An effect that was listed by name.
     #[error("effects: {effect} cannot be had: {source}")]
     Required {
         /// The effect.
@@ -245,52 +242,30 @@ fn coherent(recipe: &Recipe, wanted: Wanted) -> Result<Coherent, SpectraError> {
     let transport = walked(recipe, wanted, recipe.wavelength())?;
     let stack = wave_stack(recipe, wanted);
     let (theta_deg, effort) = coherent_effort(&stack);
-    let Effort { per_band, members, .. } = effort;
     let angles = radians(&theta_deg);
-    let wavelengths = colour::wavelengths(BANDS * per_band + 1);
-    let reflectance = ensemble::mean(&stack, SEED, members, &wavelengths, &angles)?.reflectance;
-    let rows: Vec<Row> = angles
-        .par_iter()
-        .zip(reflectance)
-        .map(|(theta, reflectance)| {
-            let incoherent = incoherent_reflectance(&transport, *theta);
-            let most = 1.0 / incoherent;
-            let modulation: Vec<f64> = reflectance.iter().map(|r| (r * most).clamp(0.0, most)).collect();
-            Row { bands: band_means(&modulation), rgb: rgb(&modulation, most), scale: incoherent }
-        })
-        .collect();
-    Ok(Coherent {
-        theta_deg,
-        modulation_rgb: rows.iter().map(|row| row.rgb).collect(),
-        incoherent: rows.iter().map(|row| row.scale).collect(),
-        modulation: rows.into_iter().map(|row| row.bands).collect(),
-    })
+    let incoherent: Vec<f64> =
+        angles.par_iter().map(|theta| incoherent_reflectance(&transport, *theta)).collect();
+    let (modulation, modulation_rgb) =
+        columns(modulation::modulation(&stack, &incoherent, &angles, effort.sampling())?);
+    Ok(Coherent { theta_deg, modulation, modulation_rgb, incoherent })
 }
 
 fn emission(recipe: &Recipe, wanted: Wanted) -> Result<Emission, SpectraError> {
     // Refuses what the bake refuses, with its words.
     recipe.transport(recipe.wavelength())?;
-    let stack = shortened(wave_stack(recipe, wanted), DEEPEST);
+    let stack = emission_stack(recipe, wanted);
     let (theta_deg, effort) = emission_effort(&stack);
-    let Effort { per_band, members, .. } = effort;
-    let angles = radians(&theta_deg);
-    let wavelengths = colour::wavelengths(BANDS * per_band + 1);
-    let radiance =
-        modulation::emission(&stack, SourceProfile::Uniform, SEED, members, &wavelengths, &angles)?;
-    let rows: Vec<Row> = radiance
-        .into_par_iter()
-        .map(|radiance| {
-            let bands = band_means(&radiance);
-            let scale = bands.iter().sum::<f64>() / BANDS as f64;
-            let unit: Vec<f64> = radiance.iter().map(|e| e / scale).collect();
-            Row { bands: bands.iter().map(|e| e / scale).collect(), rgb: rgb(&unit, f64::INFINITY), scale }
-        })
-        .collect();
-    Ok(Emission {
-        theta_deg,
-        radiance_rgb: rows.iter().map(|row| row.rgb).collect(),
-        radiance: rows.into_iter().map(|row| row.bands).collect(),
-    })
+    let (radiance, radiance_rgb) = columns(modulation::emission(
+        &stack,
+        recipe.source_profile(),
+        &radians(&theta_deg),
+        effort.sampling(),
+    )?);
+    Ok(Emission { theta_deg, radiance, radiance_rgb })
+}
+
+fn columns(rows: Vec<Banded>) -> (Vec<Vec<f64>>, Vec<[f64; 3]>) {
+    rows.into_iter().map(|row| (row.bands, row.rgb)).unzip()
 }
 
 /// Angles of M, and how finely it is sampled.
@@ -309,7 +284,8 @@ fn emission_effort(stack: &Stack) -> (Vec<f64>, Effort) {
     let irregular = stack.is_irregular();
     let theta_deg = angles_deg(STEP_DEG);
     let work = if has_slow_fields(stack) { SLOW_FIELD_WORK } else { FIELD_WORK };
-    let effort = Effort::new(work, stack.layer_count() as usize, theta_deg.len(), irregular);
+    let layers = (stack.layer_count() as usize).min(DEEPEST);
+    let effort = Effort::new(work, layers, theta_deg.len(), irregular);
     (theta_deg, effort)
 }
 
@@ -334,27 +310,19 @@ pub fn forecast(recipe: &Recipe, wanted: Wanted) -> [f64; 2] {
     let seconds = |[wave, layer]: [f64; 2], effort: &Effort, stack: &Stack| {
         effort.waves * (wave + layer * stack.layer_count() as f64)
     };
-    let coherent = || {
-        let deep = stack.layer_count() > DEEPEST as u128;
-        let price = if deep { DOUBLED_PRICE } else { reflectance_price(repeats, absorbs) };
-        seconds(price, &coherent_effort(&stack).1, &stack)
-    };
+    let deep = stack.layer_count() > DEEPEST as u128;
+    let price = if deep { DOUBLED_PRICE } else { reflectance_price(repeats, absorbs) };
+    let coherent = || seconds(price, &coherent_effort(&stack).1, &stack);
     let emission = || {
-        let stack = shortened(stack.clone(), DEEPEST);
-        seconds(field_price(absorbs), &emission_effort(&stack).1, &stack)
+        let stack = emission_stack(recipe, wanted);
+        let is_below = recipe.source_profile() == SourceProfile::Substrate;
+        let price = if is_below { price } else { field_price(absorbs) };
+        seconds(price, &emission_effort(&stack).1, &stack)
     };
     [
         if wanted.coherent == Want::No { 0.0 } else { coherent() },
         if wanted.emission == Want::No { 0.0 } else { emission() },
     ]
-}
-
-/// One angle.
-struct Row {
-    bands: Vec<f64>,
-    rgb: [f64; 3],
-    /// What the spectrum was divided by.
-    scale: f64,
 }
 
 /// How finely a quantity is sampled.
@@ -385,6 +353,10 @@ impl Effort {
             waves: (2 * BANDS * angles) as f64 * per_band * members,
         }
     }
+
+    const fn sampling(&self) -> Sampling {
+        Sampling { bands: BANDS, per_band: self.per_band, members: self.members, seed: SEED }
+    }
 }
 
 fn angles_deg(step: usize) -> Vec<f64> {
@@ -402,24 +374,6 @@ fn band_centres_nm() -> Vec<f64> {
     (0..BANDS).map(|band| edge(band as f64 + 0.5)).collect()
 }
 
-/// Mean of each band, of values at the wavelengths of [`colour::wavelengths`], both edges included (trapezoid rule).
-fn band_means(values: &[f64]) -> Vec<f64> {
-    let per_band = (values.len() - 1) / BANDS;
-    let mean = |band: usize| {
-        let inside = &values[band * per_band..=(band + 1) * per_band];
-        let ends = 0.5 * (inside[0] + inside[per_band]);
-        (ends + inside[1..per_band].iter().sum::<f64>()) / per_band as f64
-    };
-    (0..BANDS).map(mean).collect()
-}
-
-/// Linear sRGB of a spectrum, 1 for a spectrum that is 1 everywhere, within 0 to `most`.
-fn rgb(values: &[f64], most: f64) -> [f64; 3] {
-    let white = colour::linear_srgb(colour::xyz(&vec![1.0; values.len()]));
-    let rgb = colour::linear_srgb(colour::xyz(values));
-    [0, 1, 2].map(|c| (rgb[c] / white[c]).clamp(0.0, most))
-}
-
 /// The recipe's stack for waves over the visible range: a tabulated index stays constant beyond its table, and of an
 /// irregular or explicit stack only the uppermost layers are followed.
 fn wave_stack(recipe: &Recipe, wanted: Wanted) -> Stack {
@@ -434,6 +388,12 @@ fn wave_stack(recipe: &Recipe, wanted: Wanted) -> Stack {
     media.for_each(hold_constant);
     let periodic = stack.runs.iter().any(|run| run.repeat > 1);
     if stack.is_irregular() || !periodic { shortened(stack, DEEPEST) } else { stack }
+}
+
+/// Fields are followed through the uppermost layers only; light from below the stack needs none.
+fn emission_stack(recipe: &Recipe, wanted: Wanted) -> Stack {
+    let stack = wave_stack(recipe, wanted);
+    if recipe.source_profile() == SourceProfile::Substrate { stack } else { shortened(stack, DEEPEST) }
 }
 
 fn make_clear(material: &mut Material) {
@@ -474,54 +434,23 @@ fn shortened(mut stack: Stack, most: usize) -> Stack {
     stack
 }
 
-/// Reflectance of the stack when intensities add: the walk with flat interfaces, in the walk's light and at its sheets.
+/// R_incoherent: the walk with flat interfaces, in the walk's light and at its sheets.
 pub(crate) fn incoherent_reflectance(transport: &Transport, theta: f64) -> f64 {
-    let pile = |share_of_s: f64| pile_reflectance(transport, theta, share_of_s);
+    let Transport { indices, optical_depths, sheets, .. } = transport;
+    let sheet = |interface: usize, cosine: f64| {
+        let sheets = sheets.filter(|sheets| (1..=sheets.last).contains(&interface))?;
+        Some(sheets.reflectance(indices[interface], cosine))
+    };
+    let of =
+        |share_of_s| intensity::incoherent(indices, optical_depths, theta, share_of_s, sheet).reflectance;
     let reflectance = match transport.light {
-        Light::Unpolarised => pile(0.5),
-        Light::Tracked => 0.5 * (pile(1.0) + pile(0.0)),
-        Light::S => pile(1.0),
-        Light::P => pile(0.0),
+        Light::Unpolarised => of(0.5),
+        Light::Tracked => 0.5 * (of(1.0) + of(0.0)),
+        Light::S => of(1.0),
+        Light::P => of(0.0),
     };
     // A stack that matches the ambient reflects nothing coherently either; the floor keeps the quotient finite.
     reflectance.max(1e-6)
-}
-
-/// The same for light of which a share is s at every event.
-fn pile_reflectance(transport: &Transport, theta: f64, share_of_s: f64) -> f64 {
-    let indices = &transport.indices;
-    let sin = indices[0] * theta.sin();
-    let cos = |n: f64| (1.0 - (sin / n).powi(2)).max(0.0).sqrt();
-    let face = |upper: usize| {
-        let (n1, n2) = (indices[upper], indices[upper + 1]);
-        let sheet = transport.sheets.filter(|sheets| (1..=sheets.last).contains(&upper));
-        let (s, p) = match sheet {
-            Some(sheet) => sheet.reflectance(n1, cos(n1)),
-            None => fresnel(n1, cos(n1), n2, cos(n2)),
-        };
-        share_of_s * s + (1.0 - share_of_s) * p
-    };
-    let last = indices.len() - 1;
-    let mut below = face(last - 1);
-    for layer in (1..last).rev() {
-        let depth = transport.optical_depths[layer - 1];
-        let passed = if depth > 0.0 { (-2.0 * depth / cos(indices[layer])).exp() } else { 1.0 };
-        let r = face(layer - 1);
-        let inside = passed * below;
-        // r + (1 − r)²·inside/(1 − r·inside), which is 1 where both are.
-        below = if r >= 1.0 { 1.0 } else { r + (1.0 - r) * (1.0 - r) * inside / (1.0 - r * inside) };
-    }
-    below
-}
-
-/// Reflectance of an interface for s and for p; 1 for a wave that does not pass.
-fn fresnel(n1: f64, cos1: f64, n2: f64, cos2: f64) -> (f64, f64) {
-    if cos2 <= 0.0 || cos1 <= 0.0 {
-        return (1.0, 1.0);
-    }
-    let s = (n1 * cos1 - n2 * cos2) / (n1 * cos1 + n2 * cos2);
-    let p = (n2 * cos1 - n1 * cos2) / (n2 * cos1 + n1 * cos2);
-    (s * s, p * p)
 }
 
 #[cfg(test)]
@@ -684,7 +613,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stack_without_an_index_somewhere_bakes_without_colour_unless_it_was_asked_for_by_name() {
+    fn a_stack_without_an_index_somewhere_bakes_without_colour_unless_it_was_listed_by_name() {
         // n = 3.153 − 0.5 µm²/λ² is 1.5 at 550 nm, where the walk is, and negative at 380 nm.
         let violet = recipe(
             r#"{"stack": {"layers": 4, "aragonite": {"n": {"cauchy": [3.153, -0.5]}, "thickness_nm": 450}}}"#,
@@ -717,6 +646,27 @@ mod tests {
         // Ê of a clear irregular stack goes through the fast lanes.
         assert!(forecast(&stack(40, 0.0, 20.0), BOTH)[1] < 0.1 * forecast(&stack(40, 1e-3, 20.0), BOTH)[1]);
         assert_eq!(forecast(&stack(40, 0.0, 0.0), Wanted::default()), [0.0; 2]);
+    }
+
+    #[test]
+    fn the_emission_is_that_of_the_sources_that_the_recipe_names() {
+        let of_sources = |sources: &str| {
+            both(&format!(r#"{{"stack": {{"layers": 40, "emission_sources": {sources}}}}}"#)).1.radiance
+        };
+        let [uniform, substrate] = [r#""uniform""#, r#""substrate""#].map(of_sources);
+        let deepest = of_sources(r#"{"depth_nm": 1e9}"#);
+        for (a, b) in uniform.iter().flatten().zip(deepest.iter().flatten()) {
+            // The stack is 1e-5 of that depth.
+            assert!((a - b).abs() < 1e-4, "{a} {b}");
+        }
+        // Light from below is what the stack lets through: most where it reflects least.
+        let (coherent, _) = both(r#"{"stack": {"layers": 40}}"#);
+        let of_band =
+            |band: usize| (coherent.modulation[30][band] * coherent.incoherent[30], substrate[10][band]);
+        for band in 1..BANDS {
+            let ((r_0, e_0), (r_1, e_1)) = (of_band(0), of_band(band));
+            assert!((e_1 / e_0 - (1.0 - r_1) / (1.0 - r_0)).abs() < 1e-3, "{band}");
+        }
     }
 
     #[test]

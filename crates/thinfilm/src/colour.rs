@@ -1,4 +1,4 @@
-//! Colours of spectra: CIE 1931 2° observer under D65, linear sRGB, ΔE00; with as many wavelengths as the accuracy asks.
+//! Colours of spectra: CIE 1931 2° observer under D65, linear sRGB, ΔE00; with as many wavelengths as an accuracy takes.
 //!
 //! Data: `data/cie/observer_1931_2deg_d65_1nm.csv` (CIE 018:2019 and CIE 15), read linearly between its rows, 380–780 nm.
 
@@ -148,9 +148,9 @@ pub struct StackColour {
     pub ensemble_error: f64,
 }
 
-/// Accuracy where none is asked for, ΔE00.
+/// Accuracy by default, ΔE00.
 pub const DEFAULT_ACCURACY: f64 = 0.1;
-/// Members where none are asked for.
+/// Members by default.
 pub const DEFAULT_MEMBERS: u64 = 64;
 const FIRST_WAVELENGTHS: usize = 801;
 /// Wavelengths at most.

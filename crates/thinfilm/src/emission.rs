@@ -6,9 +6,10 @@ use crate::stack::{Stack, StackError};
 use crate::wave::WaveError;
 
 /// Where the light is scattered.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum SourceProfile {
     /// Everywhere in the layers alike.
+    #[default]
     Uniform,
     /// Falling as e^(−z/depth) from the first interface, its mean taken in each layer; depth in metres.
     Exponential {
@@ -19,31 +20,51 @@ pub enum SourceProfile {
     Substrate,
 }
 
-/// I(λ, θo) for unpolarised light, rows of angles (radians), each over the wavelengths (metres), to 1e-9. With sources in the
-/// layers in units of length (source strength 1 at the top), with sources in the substrate T.
+/// I(λ, θo) for unpolarised light, rows of angles (radians), each over the wavelengths (metres), to 1e-9: the mean over `members`
+/// stacks drawn from `seed` if the stack is irregular. With sources in the layers in units of length (source strength 1 at the
+/// top), with sources in the substrate T.
 ///
 /// # Errors
-/// As [`dense::spectra`]; an angle of 90°, where radiance has no meaning; a depth that is not positive.
+/// As [`Stack::draw`] and [`dense::spectra`]; an angle of 90°, where radiance has no meaning; a depth that is not positive.
 pub fn radiance(
+    stack: &Stack,
+    profile: SourceProfile,
+    seed: u64,
+    members: u64,
+    wavelengths: &[f64],
+    angles: &[f64],
+) -> Result<Vec<Vec<f64>>, StackError> {
+    let members = if stack.is_irregular() { members.max(1) } else { 1 };
+    let mut mean = vec![vec![0.0; wavelengths.len()]; angles.len()];
+    for member in 0..members {
+        let one = of_member(&stack.draw(seed, member)?, profile, wavelengths, angles)?;
+        for (mean, value) in mean.iter_mut().flatten().zip(one.iter().flatten()) {
+            *mean += value / members as f64;
+        }
+    }
+    Ok(mean)
+}
+
+fn of_member(
     stack: &Stack,
     profile: SourceProfile,
     wavelengths: &[f64],
     angles: &[f64],
 ) -> Result<Vec<Vec<f64>>, StackError> {
-    let SourceProfile::Substrate = profile else {
-        let sources = strengths(stack, profile)?;
-        let spectra = dense::spectra_for_means(stack, wavelengths, angles, Some(&sources))?;
-        let row = |(at, theta): (usize, &f64)| {
-            let cos = theta.cos();
-            if cos < 1e-9 {
-                return Err(WaveError::Unsuitable("radiance has no meaning at 90 deg".to_owned()).into());
-            }
-            Ok(spectra.unpolarised_emission(at).unwrap_or_default().iter().map(|e| e / cos).collect())
-        };
-        return angles.iter().enumerate().map(row).collect();
+    if profile == SourceProfile::Substrate {
+        let spectra = dense::spectra_for_means(stack, wavelengths, angles, None)?;
+        return Ok((0..angles.len()).map(|at| spectra.unpolarised_transmittance(at)).collect());
+    }
+    let sources = strengths(stack, profile)?;
+    let spectra = dense::spectra_for_means(stack, wavelengths, angles, Some(&sources))?;
+    let row = |(at, theta): (usize, &f64)| {
+        let cos = theta.cos();
+        if cos < 1e-9 {
+            return Err(WaveError::Unsuitable("radiance has no meaning at 90 deg".to_owned()).into());
+        }
+        Ok(spectra.unpolarised_emission(at).unwrap_or_default().iter().map(|e| e / cos).collect())
     };
-    let spectra = dense::spectra(stack, wavelengths, angles)?;
-    Ok((0..angles.len()).map(|at| spectra.unpolarised_transmittance(at)).collect())
+    angles.iter().enumerate().map(row).collect()
 }
 
 fn strengths(stack: &Stack, profile: SourceProfile) -> Result<Vec<f64>, StackError> {

@@ -17,6 +17,8 @@ pub struct EnsembleMean {
     pub transmittance: Vec<Vec<f64>>,
     /// Its standard error.
     pub transmittance_error: Vec<Vec<f64>>,
+    /// Mean absorptance: exactly 0 for layers without absorption, negative only with gain.
+    pub absorptance: Vec<Vec<f64>>,
     /// Members drawn.
     pub members: u64,
 }
@@ -91,11 +93,13 @@ struct Sums {
     r2: Vec<f64>,
     t: Vec<f64>,
     t2: Vec<f64>,
+    a: Vec<f64>,
 }
 
 impl Sums {
     fn new(size: usize) -> Self {
-        Self { members: 0, r: vec![0.0; size], r2: vec![0.0; size], t: vec![0.0; size], t2: vec![0.0; size] }
+        let zeros = || vec![0.0; size];
+        Self { members: 0, r: zeros(), r2: zeros(), t: zeros(), t2: zeros(), a: zeros() }
     }
 
     /// Members are added in their order, so that the sums do not depend on the threads.
@@ -118,17 +122,21 @@ impl Sums {
                 .collect::<Result<_, _>>()?;
             for spectra in &batch {
                 for angle in 0..angles.len() {
-                    let (r, t) = match polarisation {
-                        None => {
-                            (spectra.unpolarised_reflectance(angle), spectra.unpolarised_transmittance(angle))
-                        }
+                    let (r, t, a) = match polarisation {
+                        None => (
+                            spectra.unpolarised_reflectance(angle),
+                            spectra.unpolarised_transmittance(angle),
+                            spectra.unpolarised_absorptance(angle),
+                        ),
                         Some(pol) => (
                             spectra.reflectance(angle, pol).to_vec(),
                             spectra.transmittance(angle, pol).to_vec(),
+                            spectra.absorptance(angle, pol),
                         ),
                     };
-                    for (i, (r, t)) in r.iter().zip(t).enumerate() {
+                    for (i, ((r, t), a)) in r.iter().zip(t).zip(a).enumerate() {
                         let at = angle * wavelengths.len() + i;
+                        self.a[at] += a;
                         self.r[at] += r;
                         self.r2[at] += r * r;
                         self.t[at] += t;
@@ -169,6 +177,7 @@ impl Sums {
             reflectance_error: rows(self.errors(&self.r, &self.r2)),
             transmittance: rows(self.t.iter().map(|sum| sum / n).collect()),
             transmittance_error: rows(self.errors(&self.t, &self.t2)),
+            absorptance: rows(self.a.iter().map(|sum| sum / n).collect()),
             members: self.members,
         }
     }

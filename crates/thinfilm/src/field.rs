@@ -1,7 +1,10 @@
 //! |E(z)|² inside a stack, its integral per layer, and the absorption that follows from it.
 
+use std::sync::LazyLock;
+
 use num_complex::Complex64;
 
+use crate::quadrature::{Rule, gauss_legendre};
 use crate::scaled::{exp_parts, times_power_of_two};
 use crate::wave::{
     Admittance, InPlaneWave, Incidence, Layer, LayerMatrix, Multilayer, Phase, Polarisation, WaveError,
@@ -191,7 +194,9 @@ impl LayerField {
     fn integral(&self, k0: f64) -> f64 {
         let d = self.layer.thickness;
         if self.is_thin(k0) {
-            return gauss_legendre_8(|u| self.intensity(k0, u * d)) * d;
+            let Rule { nodes, weights } = &*THIN_LAYER_RULE;
+            let value = |(x, w): (&f64, &f64)| w * self.intensity(k0, 0.5 * (1.0 + x) * d);
+            return 0.5 * d * nodes.iter().zip(weights).map(value).sum::<f64>();
         }
         let (down, up) = self.waves();
         let delta = self.delta(k0);
@@ -206,14 +211,5 @@ impl LayerField {
     }
 }
 
-/// ∫₀¹ f du by the 8-point rule; for a phase below 1 rad the error is below 1e-15.
-fn gauss_legendre_8(f: impl Fn(f64) -> f64) -> f64 {
-    // Abramowitz & Stegun, table 25.4.
-    const NODES: [[f64; 2]; 4] = [
-        [0.183_434_642_495_649_80, 0.362_683_783_378_361_98],
-        [0.525_532_409_916_328_99, 0.313_706_645_877_887_29],
-        [0.796_666_477_413_626_74, 0.222_381_034_453_374_47],
-        [0.960_289_856_497_536_23, 0.101_228_536_290_376_26],
-    ];
-    NODES.iter().map(|[x, w]| w / 2.0 * (f(0.5 - x / 2.0) + f(0.5 + x / 2.0))).sum()
-}
+/// For a phase below 1 rad the error of the 8-point rule is below 1e-15.
+static THIN_LAYER_RULE: LazyLock<Rule> = LazyLock::new(|| gauss_legendre(8));

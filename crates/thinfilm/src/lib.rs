@@ -15,6 +15,7 @@ pub mod line;
 pub mod material;
 pub mod modulation;
 mod precise;
+pub mod quadrature;
 pub mod reference_case;
 mod scaled;
 mod scattering;

@@ -47,7 +47,9 @@ pub struct LineMean {
     pub reflectance: [Vec<Vec<f64>>; 2],
     /// Transmittance, likewise.
     pub transmittance: [Vec<Vec<f64>>; 2],
-    /// Largest change of any of them at the last doubling of the waves.
+    /// Absorptance, likewise: exactly 0 for layers without absorption, negative only with gain.
+    pub absorptance: [Vec<Vec<f64>>; 2],
+    /// Largest change of an R or T at the last doubling of the waves.
     pub change: f64,
 }
 
@@ -95,14 +97,15 @@ pub fn mean(
     Ok(LineMean {
         reflectance: rows(0),
         transmittance: rows(1),
+        absorptance: rows(2),
         change: columns.iter().map(|column| column.change).fold(0.0, f64::max),
     })
 }
 
 /// One centre at all angles.
 struct Column {
-    /// `[angle][R, T][s, p]`.
-    values: Vec<[[f64; 2]; 2]>,
+    /// `[angle][R, T, A][s, p]`.
+    values: Vec<[[f64; 2]; 3]>,
     change: f64,
 }
 
@@ -119,8 +122,10 @@ impl Column {
         loop {
             waves = 2 * waves - 1;
             let fine = means(stack, line, centre, angles, waves)?;
-            let pairs = coarse.iter().flatten().flatten().zip(fine.iter().flatten().flatten());
-            let change = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            // R and T: A is what they leave.
+            let change = (coarse.iter().zip(&fine))
+                .flat_map(|(a, b)| a[..2].iter().flatten().zip(b[..2].iter().flatten()))
+                .fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()));
             if change <= accuracy || waves >= MOST_WAVES {
                 return Ok(Self { values: fine, change });
             }
@@ -135,7 +140,7 @@ fn means(
     centre: f64,
     angles: &[f64],
     waves: usize,
-) -> Result<Vec<[[f64; 2]; 2]>, StackError> {
+) -> Result<Vec<[[f64; 2]; 3]>, StackError> {
     let (wavelengths, weights) = line.waves(centre, waves)?;
     let spectra = dense::spectra(stack, &wavelengths, angles)?;
     let mean = |row: &[f64]| row.iter().zip(&weights).map(|(value, weight)| value * weight).sum::<f64>();
@@ -143,6 +148,7 @@ fn means(
         [
             crate::Polarisation::BOTH.map(|pol| mean(spectra.reflectance(angle, pol))),
             crate::Polarisation::BOTH.map(|pol| mean(spectra.transmittance(angle, pol))),
+            crate::Polarisation::BOTH.map(|pol| mean(&spectra.absorptance(angle, pol))),
         ]
     };
     Ok((0..angles.len()).map(at).collect())

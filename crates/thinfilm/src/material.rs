@@ -42,10 +42,10 @@ pub enum MaterialError {
     /// A coefficient is not a finite number, or a list is empty or of the wrong length.
     #[error("{0}")]
     Malformed(String),
-    /// The table does not reach the wavelength asked for.
+    /// The table does not reach the wavelength.
     #[error("the index table covers {from_nm} to {to_nm} nm, not {wavelength_nm} nm")]
     OutsideTable {
-        /// Wavelength asked for, nm.
+        /// The wavelength, nm.
         wavelength_nm: f64,
         /// First tabulated wavelength, nm.
         from_nm: f64,
@@ -55,7 +55,7 @@ pub enum MaterialError {
     /// The dispersion formula gives no positive real index here.
     #[error("the dispersion formula gives n = {n} at {wavelength_nm} nm; n must be positive and finite")]
     NoIndex {
-        /// Wavelength asked for, nm.
+        /// The wavelength, nm.
         wavelength_nm: f64,
         /// What the formula gives.
         n: f64,

@@ -164,7 +164,7 @@ impl Case {
     /// Solves the case with [`Multilayer::solve`] and compares.
     ///
     /// # Errors
-    /// The case is malformed, or asks for what no wave can be (a wavelength of 0, say).
+    /// The case is malformed, or its wave is none (a wavelength of 0, say).
     pub fn verify(&self) -> Result<Verdict, CaseError> {
         let (stack, incidence, polarisation) = self.wave()?;
         let response = stack

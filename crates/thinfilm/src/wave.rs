@@ -80,7 +80,8 @@ pub struct Response {
     pub transmittance: f64,
     /// ln T, also where T underflows; −∞ where T is exactly 0.
     pub ln_transmittance: f64,
-    /// 1 − R − T; exactly 0 for layers without absorption. Where it is small, [`crate::field`] has its digits.
+    /// 1 − R − T; exactly 0 for layers without absorption, negative only with gain (or in an absorbing ambient, where R and T do
+    /// not add up). Where it is small, [`crate::field`] has its digits.
     pub absorptance: f64,
 }
 
@@ -117,7 +118,7 @@ pub enum WaveError {
         index: Complex64,
     },
     /// Negative k without permission.
-    #[error("{medium} has k = {k}: a negative k is gain, which must be asked for; k >= 0 absorbs")]
+    #[error("{medium} has k = {k}: a negative k is gain, which a stack has to allow; k >= 0 absorbs")]
     Gain {
         /// Which medium.
         medium: String,
@@ -161,9 +162,40 @@ impl Polarisation {
     pub const BOTH: [Self; 2] = [Self::S, Self::P];
 }
 
+/// What 1 − R − T can truly be, whatever rounding makes of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum PowerBalance {
+    /// Nothing absorbs: 0.
+    Lossless,
+    /// Layers absorb, none amplifies: 0 or more.
+    Absorbing,
+    /// A layer amplifies, or the ambient absorbs, where R and T do not add up: any number.
+    Any,
+}
+
+impl PowerBalance {
+    pub(crate) fn of(ambient: Complex64, mut layers: impl Iterator<Item = Complex64> + Clone) -> Self {
+        if ambient.im != 0.0 || layers.clone().any(|index| !has_real_eps(index) && index.im < 0.0) {
+            Self::Any
+        } else if layers.all(has_real_eps) {
+            Self::Lossless
+        } else {
+            Self::Absorbing
+        }
+    }
+
+    /// 1 − R − T.
+    pub(crate) fn absorptance(self, reflectance: f64, transmittance: f64) -> f64 {
+        match self {
+            Self::Lossless => 0.0,
+            Self::Absorbing => (1.0 - reflectance - transmittance).max(0.0),
+            Self::Any => 1.0 - reflectance - transmittance,
+        }
+    }
+}
+
 /// √w on the branch Im ≥ 0, Re ≥ 0 where Im = 0, each component to full relative accuracy.
-#[must_use]
-pub fn sqrt_upper(w: Complex64) -> Complex64 {
+pub(crate) fn sqrt_upper(w: Complex64) -> Complex64 {
     if w.im == 0.0 {
         let root = w.re.abs().sqrt();
         return if w.re >= 0.0 { Complex64::new(root, 0.0) } else { Complex64::new(0.0, root) };
@@ -457,12 +489,12 @@ impl Multilayer {
     /// Whether no layer and not the ambient absorbs or amplifies.
     #[must_use]
     pub fn is_lossless(&self) -> bool {
-        self.ambient.im == 0.0
-            && self
-                .runs
-                .iter()
-                .filter(|run| run.repeat > 0)
-                .all(|run| run.unit.iter().all(|l| has_real_eps(l.index)))
+        self.balance() == PowerBalance::Lossless
+    }
+
+    fn balance(&self) -> PowerBalance {
+        let layers = self.runs.iter().filter(|run| run.repeat > 0).flat_map(|run| &run.unit);
+        PowerBalance::of(self.ambient, layers.map(|layer| layer.index))
     }
 
     /// Response to a wave of one polarisation.
@@ -545,8 +577,8 @@ impl Multilayer {
         let inverse = Scaled::new(1.0 / denominator, -top.exponent);
         let power =
             Scaled::new(Complex64::new(amplitude * inverse.mantissa.norm_sqr(), 0.0), 2 * inverse.exponent);
-        let lossless = self.is_lossless();
-        let (reflectance, transmittance, ln_transmittance) = if lossless {
+        let balance = self.balance();
+        let (reflectance, transmittance, ln_transmittance) = if balance == PowerBalance::Lossless {
             // Flux conservation says |q₀B + C|² = |q₀B − C|² + 4 q₀ Re q_sub. Dividing by the right-hand side keeps
             // R + T = 1 to the last digit, R where it is small and T where it is small.
             let reflected = r.norm_sqr();
@@ -562,7 +594,7 @@ impl Multilayer {
             reflectance,
             transmittance,
             ln_transmittance,
-            absorptance: if lossless { 0.0 } else { 1.0 - reflectance - transmittance },
+            absorptance: balance.absorptance(reflectance, transmittance),
         };
         response.is_finite().then_some(response).ok_or(WaveError::Unbounded)
     }

@@ -6,6 +6,7 @@ use proptest::prelude::*;
 use rand::SeedableRng as _;
 use rand::rngs::StdRng;
 use rayon::prelude::*;
+use thinfilm::emission::SourceProfile;
 use thinfilm::{
     Gain, Incidence, Layer, Material, Multilayer, Polarisation, Response, Run, Stack, StackLayer, StackRun,
     colour, dense, emission, ensemble, intensity, line, modulation,
@@ -296,34 +297,32 @@ proptest! {
         let waves = [wavelength, 1.3 * wavelength];
         if let Ok(mean) = ensemble::mean(&stack, seed, 2, &waves, &[theta]) {
             prop_assert!(mean.reflectance.iter().chain(&mean.transmittance).flatten().all(|x| x.is_finite()));
+            // Nothing amplifies.
+            prop_assert!(mean.absorptance.iter().flatten().all(|a| *a >= 0.0));
         }
         if let Ok(spectra) = dense::spectra(&stack, &waves, &[theta]) {
             for pol in Polarisation::BOTH {
                 prop_assert!(spectra.reflectance(0, pol).iter().chain(spectra.transmittance(0, pol)).all(|x| x.is_finite()));
             }
         }
-        let sources = vec![1.0; stack.layer_count() as usize];
-        if let Ok(spectra) = dense::spectra_with_sources(&stack, &waves, &[theta], &sources) {
-            prop_assert!(spectra.unpolarised_emission(0).unwrap().iter().all(|x| !x.is_nan()));
+        let sampling = modulation::Sampling { bands: 3, per_band: 2, members: 2, seed };
+        for profile in [SourceProfile::Uniform, SourceProfile::Substrate, SourceProfile::Exponential { depth: finite(width) }] {
+            let rows = [
+                modulation::modulation(&stack, &[0.5], &[theta], sampling),
+                modulation::emission(&stack, profile, &[theta], sampling),
+            ];
+            prop_assert!(rows.iter().flatten().flatten().all(|row| row.bands.iter().chain(&row.rgb).all(|x| !x.is_nan())));
+            if let Ok(emission) = emission::radiance(&stack, profile, seed, 2, &waves, &[theta]) {
+                prop_assert!(emission.iter().flatten().all(|x| !x.is_nan()));
+            }
         }
-        let rows = [
-            modulation::modulation(&stack, seed, 2, &waves, &[theta]),
-            modulation::emission(&stack, emission::SourceProfile::Uniform, seed, 2, &waves, &[theta]),
-        ];
-        prop_assert!(rows.iter().flatten().flatten().flatten().all(|x| !x.is_nan()));
-        if let Ok(emission) = emission::radiance(&stack, emission::SourceProfile::Uniform, &waves, &[theta]) {
-            prop_assert!(emission.iter().flatten().all(|x| !x.is_nan()));
-        }
-        let whole = [
-            intensity::incoherent(&stack, wavelength, theta, intensity::Light::Unpolarised),
-            intensity::mixed(&stack, |layer| layer.material == 1, wavelength, theta, pol),
-        ];
-        for whole in whole.into_iter().flatten() {
+        if let Ok(whole) = intensity::mixed(&stack, |layer| layer.material == 1, wavelength, theta, pol) {
             prop_assert!(whole.reflectance.is_finite() && whole.transmittance.is_finite() && whole.absorptance.is_finite(), "{whole:?}");
         }
         let line = line::Line { shape: line::Shape::Lorentzian, width: if tame { tamed(width, 1e-9) } else { finite(width) } };
         if let Ok(mean) = line::mean(&stack, line, &[wavelength], &[theta], 1.0) {
             prop_assert!(mean.reflectance.iter().flatten().flatten().all(|x| x.is_finite()));
+            prop_assert!(mean.absorptance.iter().flatten().flatten().all(|a| *a >= 0.0));
         }
     }
 

@@ -1,9 +1,10 @@
 //! What the library itself refuses, and plates thick enough that intensities add, against closed forms.
 
 use num_complex::Complex64;
-use thinfilm::intensity::{self, Light};
+use thinfilm::ensemble::{self, Members};
 use thinfilm::{
     Gain, Incidence, Layer, Material, Multilayer, Polarisation, Run, Stack, StackLayer, StackRun, WaveError,
+    intensity, line,
 };
 
 const NM: f64 = 1e-9;
@@ -24,7 +25,7 @@ fn stack(materials: Vec<Material>, thicknesses: &[f64], gain: Gain) -> Stack {
 }
 
 #[test]
-fn gain_is_refused_by_the_stack_unless_it_is_asked_for() {
+fn gain_is_refused_unless_the_stack_allows_it() {
     let amplifier = |gain| stack(vec![absorbing(1.6, -1e-9)], &[100.0 * NM], gain);
     let refusal = amplifier(Gain::Refused).at(550.0 * NM).unwrap_err().to_string();
     assert!(refusal.contains("k = -0.000000001"), "{refusal}");
@@ -101,30 +102,55 @@ fn a_plate_under_an_absorbing_coating_is_a_geometric_series() {
     }
 }
 
-/// Indices whose squares leave f64 are refused, not NaN.
+/// An incoherent layer that amplifies has no sum of intensities.
 #[test]
-fn an_index_beyond_all_materials_is_refused_by_the_incoherent_sum_too() {
-    let beyond = Stack {
-        ambient: Material::constant(2.5e-308),
-        substrate: Material::constant(4e79),
-        ..stack(vec![absorbing(1.7, 0.0)], &[0.0], Gain::Refused)
-    };
-    let refusal = intensity::incoherent(&beyond, 550.0 * NM, 0.0, Light::Unpolarised).unwrap_err();
-    assert!(refusal.to_string().contains("index"), "{refusal}");
+fn gain_is_refused_where_intensities_add() {
+    let plate = stack(vec![absorbing(1.7, -1e-6)], &[1e-3], Gain::Allowed);
+    let refusal = intensity::mixed(&plate, |_| true, 550.0 * NM, 0.0, Polarisation::S).unwrap_err();
+    assert!(refusal.to_string().contains("layer 1"), "{refusal}");
 }
 
 /// Every layer incoherent: one absorbing plate between unlike media.
 #[test]
 fn an_incoherent_plate_absorbs_on_every_crossing() {
-    let (k, wavelength, thickness) = (2e-5, 550.0 * NM, 1e-3);
-    let plate = stack(vec![absorbing(1.7, k)], &[thickness], Gain::Refused);
+    let depth = 0.4;
     let face = |a: f64, b: f64| ((a - b) / (a + b)).powi(2);
     let (top, bottom) = (face(1.0, 1.7), face(1.7, 1.5));
-    let once = (-2.0 * std::f64::consts::TAU / wavelength * k * thickness).exp();
+    let once = (-depth as f64).exp();
     let round_trips = 1.0 - top * bottom * once * once;
-    let whole = intensity::incoherent(&plate, wavelength, 0.0, Light::Unpolarised).unwrap();
+    let whole = intensity::incoherent(&[1.0, 1.7, 1.5], &[depth], 0.0, 0.5, |_, _| None);
     let reflectance = top + (1.0 - top).powi(2) * bottom * once * once / round_trips;
     let transmittance = (1.0 - top) * once * (1.0 - bottom) / round_trips;
-    assert!((whole.reflectance - reflectance).abs() < 1e-8, "{whole:?} {reflectance}");
-    assert!((whole.transmittance - transmittance).abs() < 1e-8, "{whole:?} {transmittance}");
+    assert!((whole.reflectance - reflectance).abs() < 1e-14, "{whole:?} {reflectance}");
+    assert!((whole.transmittance - transmittance).abs() < 1e-14, "{whole:?} {transmittance}");
+}
+
+/// Rounding makes no absorption: of a stack without loss it is 0, of one that hardly absorbs not negative. Gain stays.
+#[test]
+fn absorption_is_0_without_loss_and_negative_only_with_gain() {
+    let wavelengths: Vec<f64> = (0..40).map(|i| (400.0 + 10.0 * f64::from(i)) * NM).collect();
+    let angles = [0.0, 0.6, 1.2];
+    let line = line::Line { shape: line::Shape::Gaussian, width: 1.0 * NM };
+    let found = |k: f64| -> Vec<f64> {
+        let film = Stack::alternating(
+            Material::constant(1.0),
+            (absorbing(1.53, k), 450.0 * NM, 20.0 * NM),
+            (Material::constant(1.43), 25.0 * NM, 1.0 * NM),
+            40,
+            Material::constant(1.53),
+        );
+        let film = Stack { gain: Gain::Allowed, ..film };
+        let of = |pol| ensemble::mean_of(&film, 1, Members::Count(3), &wavelengths, &angles, pol).unwrap();
+        let ensembles = [None, Some(Polarisation::P)].map(|pol| of(pol).absorptance);
+        let lines = line::mean(&film, line, &wavelengths[..2], &angles, 1e-2).unwrap().absorptance;
+        let solved = film.at(wavelengths[0]).unwrap();
+        let alone = Polarisation::BOTH.map(|pol| {
+            solved.solve_with_gain(wavelengths[0], Incidence::Angle(0.6), pol).unwrap().absorptance
+        });
+        ensembles.into_iter().chain(lines).flatten().flatten().chain(alone).collect()
+    };
+    assert!(found(0.0).iter().all(|a| a.to_bits() == 0));
+    assert!(found(1e-18).iter().all(|a| *a >= 0.0));
+    assert!(found(1e-3).iter().all(|a| *a > 1e-3));
+    assert!(found(-1e-3).iter().all(|a| *a < -1e-3));
 }

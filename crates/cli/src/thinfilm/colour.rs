@@ -9,7 +9,7 @@ use thinfilm::colour::{self, StackColour};
 
 use crate::input;
 
-/// What the command asks.
+/// Arguments of `thinfilm colour`.
 #[derive(Args, Debug)]
 pub(crate) struct ColourArgs {
     /// Recipe (JSON).

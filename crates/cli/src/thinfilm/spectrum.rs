@@ -12,10 +12,10 @@ use thinfilm::{Incidence, Polarisation, Stack, StackError, intensity};
 
 use crate::input;
 
-/// What the command asks.
+/// Arguments of `thinfilm spectrum`.
 #[derive(Args, Debug)]
 pub(crate) struct SpectrumArgs {
-    /// Recipe (JSON). Waves go through its mean thicknesses unless --members or --accuracy asks for an ensemble.
+    /// Recipe (JSON). Waves go through its mean thicknesses unless --members or --accuracy calls for an ensemble.
     recipe: PathBuf,
     /// Angles of incidence in degrees: numbers and FROM:TO:STEP, separated by commas.
     #[arg(long, value_name = "LIST", default_value = "0")]
@@ -77,7 +77,7 @@ enum LineShape {
     Lorentzian,
 }
 
-/// Accuracy of a mean over a line where none is asked for.
+/// Accuracy of a mean over a line by default.
 const LINE_ACCURACY: f64 = 1e-5;
 
 /// Shares reflected, transmitted, absorbed.
@@ -218,7 +218,7 @@ impl Grid<'_> {
         };
         let mean =
             ensemble::mean_of(self.stack, seed, members, &self.wavelengths, &self.angles, polarisation)?;
-        let rows = rows(&mean.reflectance, &mean.transmittance);
+        let rows = rows(&mean.reflectance, &mean.transmittance, &mean.absorptance);
         let extra = vec![
             ("members", json!(mean.members)),
             ("seed", json!(seed)),
@@ -230,7 +230,8 @@ impl Grid<'_> {
 
     fn over_a_line(&self, line: Line, accuracy: f64) -> Result<Table, StackError> {
         let mean = line::mean(self.stack, line, &self.wavelengths, &self.angles, accuracy)?;
-        let [s, p] = [0, 1].map(|pol| rows(&mean.reflectance[pol], &mean.transmittance[pol]));
+        let of = |pol: usize| rows(&mean.reflectance[pol], &mean.transmittance[pol], &mean.absorptance[pol]);
+        let [s, p] = [of(0), of(1)];
         let rows = match self.pol {
             Pol::S => s,
             Pol::P => p,
@@ -251,9 +252,11 @@ impl Grid<'_> {
     }
 }
 
-fn rows(reflectance: &[Vec<f64>], transmittance: &[Vec<f64>]) -> Vec<Vec<Rta>> {
-    let rta = |(r, t): (&f64, &f64)| Rta { r: *r, t: *t, a: 1.0 - r - t };
-    reflectance.iter().zip(transmittance).map(|(r, t)| r.iter().zip(t).map(rta).collect()).collect()
+fn rows(reflectance: &[Vec<f64>], transmittance: &[Vec<f64>], absorptance: &[Vec<f64>]) -> Vec<Vec<Rta>> {
+    let row = |((r, t), a): ((&Vec<f64>, &Vec<f64>), &Vec<f64>)| {
+        r.iter().zip(t).zip(a).map(|((&r, &t), &a)| Rta { r, t, a }).collect()
+    };
+    reflectance.iter().zip(transmittance).zip(absorptance).map(row).collect()
 }
 
 fn to_json(recipe: &Recipe, pol: Pol, angles_deg: &[f64], wavelengths_nm: &[f64], table: &Table) -> Value {

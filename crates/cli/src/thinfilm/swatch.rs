@@ -11,7 +11,7 @@ use thinfilm::colour::{self, StackColour};
 use crate::colour::Precision;
 use crate::input;
 
-/// What the command asks.
+/// Arguments of `thinfilm swatch`.
 #[derive(Args, Debug)]
 pub(crate) struct SwatchArgs {
     /// Recipe (JSON).

@@ -97,7 +97,7 @@ pub(super) struct TileResult {
     pub(super) reflectance: [Lanes; 2],
     pub(super) transmittance: [Lanes; 2],
     /// Estimate of the error; NaN where nothing is known.
-    pub(super) doubt: [Lanes; 2],
+    pub(super) error: [Lanes; 2],
     /// Σ source·∫|E|² for unit |ψ| incident (emission only).
     pub(super) emission: [Lanes; 2],
 }
@@ -385,7 +385,7 @@ fn finish_lossless(tile: &LosslessTile, wave: &LosslessWave) -> TileResult {
     let LosslessWave { rotors, memories } = wave;
     let nothing = [Lanes::splat(0.0); 2];
     let mut result =
-        TileResult { reflectance: nothing, transmittance: nothing, doubt: nothing, emission: nothing };
+        TileResult { reflectance: nothing, transmittance: nothing, error: nothing, emission: nothing };
     for (pol, rotor) in rotors.iter().enumerate() {
         let (q_0, q_ref) = (tile.q_ambient[pol], tile.q_reference[pol]);
         // q₀B and C, real and imaginary parts; the second solution carries −Re C.
@@ -403,7 +403,7 @@ fn finish_lossless(tile: &LosslessTile, wave: &LosslessWave) -> TileResult {
         let broken = whole.zip(incident, |a, b| (a / b - 1.0).abs());
         // q_ref(B² + C²/q_ref²) stored against |q₀B + C|²/2q₀ coming in.
         let incoming = incident / (q_0 * q_ref).scale(2.0);
-        result.doubt[pol] =
+        result.error[pol] =
             broken + memories[pol].magnified_rounding(ROTATION_ROUNDING, tile.layers.len(), incoming);
         result.emission[pol] = rotor.emission / incident * (q_0 * q_0).scale(4.0);
     }
@@ -584,7 +584,7 @@ fn finish_complex(
     let top = &tile.interfaces[tile.interface_of[tile.layers.len()]];
     let nothing = [Lanes::splat(0.0); 2];
     let mut result =
-        TileResult { reflectance: nothing, transmittance: nothing, doubt: nothing, emission: nothing };
+        TileResult { reflectance: nothing, transmittance: nothing, error: nothing, emission: nothing };
     for (pol, (wave, memory)) in waves.into_iter().zip(memories).enumerate() {
         let wave = wave.interface(&top.rho[pol], top.inverse_tau[pol]).normalised();
         let (down, up) = (square(wave.down), square(wave.up));
@@ -592,7 +592,7 @@ fn finish_complex(
         let power = memory.exponent.zip(total_decay, |e, decay| (-2.0 * e - decay).exp2());
         result.transmittance[pol] = power * tile.flux[pol] / down;
         let incoming = down * tile.inverse_contrast[pol];
-        result.doubt[pol] = memory.magnified_rounding(AMPLITUDE_ROUNDING, tile.layers.len(), incoming);
+        result.error[pol] = memory.magnified_rounding(AMPLITUDE_ROUNDING, tile.layers.len(), incoming);
     }
     result
 }

@@ -4,50 +4,9 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::OnceLock;
 
 use faer::Mat;
+use thinfilm::quadrature::{Rule, gauss_legendre};
 
 use crate::Geometry;
-
-/// A Gauss–Legendre rule on [−1, 1].
-#[derive(Clone, Debug)]
-pub(super) struct Rule {
-    pub(super) nodes: Vec<f64>,
-    pub(super) weights: Vec<f64>,
-}
-
-/// The n-point Gauss–Legendre rule on [−1, 1]; nodes rise.
-pub(super) fn gauss_legendre(n: usize) -> Rule {
-    let mut nodes = vec![0.0; n];
-    let mut weights = vec![0.0; n];
-    for i in 0..n.div_ceil(2) {
-        // Tricomi's estimate of the root, then Newton with P_n and P_n'.
-        let mut x = (PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
-        let mut slope = 1.0;
-        for _ in 0..8 {
-            let (mut p, mut before) = (1.0, 0.0);
-            for k in 0..n {
-                let k = k as f64;
-                let next = ((2.0 * k + 1.0) * x * p - k * before) / (k + 1.0);
-                before = p;
-                p = next;
-            }
-            slope = n as f64 * (x * p - before) / (x * x - 1.0);
-            let step = p / slope;
-            x -= step;
-            if step.abs() < 1e-16 {
-                break;
-            }
-        }
-        let weight = 2.0 / ((1.0 - x * x) * slope * slope);
-        nodes[i] = -x;
-        weights[i] = weight;
-        nodes[n - 1 - i] = x;
-        weights[n - 1 - i] = weight;
-    }
-    if n % 2 == 1 {
-        nodes[n / 2] = 0.0;
-    }
-    Rule { nodes, weights }
-}
 
 /// Largest rule that [`segment_rule`] keeps.
 pub(super) const LARGEST_SEGMENT_RULE: usize = 160;
@@ -251,17 +210,6 @@ pub(super) fn legendre(t: f64, count: usize, mut visit: impl FnMut(usize, f64)) 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn gauss_legendre_integrates_polynomials_of_degree_2n_minus_1() {
-        for n in [1, 2, 7, 64, 129] {
-            let rule = gauss_legendre(n);
-            let degree = 2 * n as i32 - 2;
-            let integral: f64 = rule.nodes.iter().zip(&rule.weights).map(|(x, w)| w * x.powi(degree)).sum();
-            let exact = 2.0 / f64::from(degree + 1);
-            assert!((integral - exact).abs() < 1e-13, "n = {n}: {integral} against {exact}"); // rounding of n terms
-        }
-    }
 
     #[test]
     fn cardinal_functions_interpolate_and_sum_to_one() {

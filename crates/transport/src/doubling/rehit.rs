@@ -9,8 +9,9 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use faer::Mat;
+use thinfilm::quadrature::gauss_legendre;
 
-use super::grid::{gauss_legendre, segment_rule};
+use super::grid::segment_rule;
 use super::surface::SingleReflection;
 use crate::{Geometry, Transport};
 
