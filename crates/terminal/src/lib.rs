@@ -1,11 +1,14 @@
-//! How the tools behave in a terminal: exit codes, one-line errors, quiet broken pipes.
-//!
-//! Exit codes (the same for every tool): 0 ok, 1 runtime failure (I/O, disk full), 2 wrong usage or bad
-//! input, 3 a check was run and failed. Results go to stdout, everything else to stderr.
-
+#![doc = include_str!("../README.md")]
 #![allow(clippy::print_stderr, clippy::print_stdout)] // this crate is the terminal
 
 pub use clap_complete::Shell;
+pub use lists::angles_deg;
+pub use signals::interruption;
+pub use text::{open_text, read_text};
+
+mod lists;
+mod signals;
+mod text;
 
 use clap::Args;
 use std::io::Write as _;
@@ -44,22 +47,22 @@ impl Stop {
     }
 }
 
-impl From<std::io::Error> for Stop {
-    fn from(error: std::io::Error) -> Self {
-        if error.kind() == std::io::ErrorKind::BrokenPipe { Self::BrokenPipe } else { Self::failure(error) }
+/// Why standard output took no more: a closed pipe is [`Stop::BrokenPipe`], all else a failure.
+#[must_use]
+pub fn stdout_error(error: &std::io::Error) -> Stop {
+    match error.kind() {
+        std::io::ErrorKind::BrokenPipe => Stop::BrokenPipe,
+        _ => Stop::failure(format!("standard output: {error}")),
     }
 }
 
-/// Writes a text to stdout and flushes it; a closed pipe becomes [`Stop::BrokenPipe`].
+/// Writes a text to stdout and flushes it.
 ///
 /// # Errors
-/// Any other failure to write is [`Stop::Failure`].
+/// [`stdout_error`].
 pub fn print(text: &str) -> Outcome {
     let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes()).and_then(|()| out.flush()).map_err(|why| match Stop::from(why) {
-        Stop::Failure(why) => Stop::Failure(format!("standard output: {why}")),
-        stop => stop,
-    })
+    out.write_all(text.as_bytes()).and_then(|()| out.flush()).map_err(|error| stdout_error(&error))
 }
 
 /// Writes one JSON value and a newline to stdout.
@@ -77,11 +80,8 @@ pub struct Manners {
     #[arg(long, global = true)]
     pub json: bool,
     /// Say nothing on stderr but errors.
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
-    pub quiet: bool,
-    /// Say more on stderr.
     #[arg(short, long, global = true)]
-    pub verbose: bool,
+    pub quiet: bool,
     /// Threads to use [default: one per core].
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub threads: Option<u16>,
@@ -93,16 +93,9 @@ impl Manners {
     /// # Errors
     /// The system has none to give.
     pub fn pool(&self) -> Result<rayon::ThreadPool, Stop> {
-        pool(self.threads)
+        let threads = self.threads.unwrap_or(0).into();
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(Stop::failure)
     }
-}
-
-/// So many threads, or one per core.
-///
-/// # Errors
-/// The system has none to give.
-pub fn pool(threads: Option<u16>) -> Result<rayon::ThreadPool, Stop> {
-    rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0).into()).build().map_err(Stop::failure)
 }
 
 /// Prints the completion script of a tool.
@@ -123,7 +116,7 @@ pub fn completions<Cli: clap::CommandFactory>(shell: Shell) -> Outcome {
 /// As [`print()`].
 pub fn manual<Cli: clap::CommandFactory>() -> Outcome {
     let mut page = Vec::new();
-    clap_mangen::Man::new(Cli::command()).render(&mut page)?;
+    clap_mangen::Man::new(Cli::command()).render(&mut page).map_err(Stop::failure)?;
     print(&String::from_utf8_lossy(&page))
 }
 
@@ -131,6 +124,7 @@ pub fn manual<Cli: clap::CommandFactory>() -> Outcome {
 ///
 /// clap's own usage errors are folded into one line and exit 2; `--help` and `--version` exit 0.
 pub fn main<Cli: clap::Parser>(run: impl FnOnce(Cli) -> Outcome) -> ExitCode {
+    signals::survive_file_size_limits();
     let tool = Cli::command().get_name().to_owned();
     let args = match Cli::try_parse() {
         Ok(args) => args,
@@ -188,6 +182,6 @@ mod tests {
     #[test]
     fn a_broken_pipe_is_not_a_failure() {
         let error = std::io::Error::from(std::io::ErrorKind::BrokenPipe);
-        assert!(matches!(Stop::from(error), Stop::BrokenPipe));
+        assert!(matches!(stdout_error(&error), Stop::BrokenPipe));
     }
 }

@@ -100,7 +100,7 @@ pub(crate) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     writable(&output)?;
     let started = Instant::now();
     if let Some(shard) = shard {
-        manners::watch_for_interrupts()?;
+        terminal::interruption()?;
         let snapshot = pool
             .install(|| watched(manners, None, |observer| snapshot::walk_shard(&request, shard, observer)))?;
         return snapshot.write(&output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())));
@@ -174,7 +174,7 @@ pub(super) fn bake_to(
         bake::doubling(request, bands, Sides::Above).map_err(stop)?
     } else {
         // Only the walk has something to keep when it is interrupted; doubling just ends.
-        manners::watch_for_interrupts()?;
+        terminal::interruption()?;
         let resume = if kept.resume { keeper.load(manners)? } else { None };
         watched(manners, Some(&keeper), |observer| bake::walk(request, bands, observer, resume))?
     };
@@ -306,34 +306,12 @@ fn request(args: &BakeArgs, terms: &Terms) -> Result<Request, Stop> {
     Ok(terms.request(recipe, decisions.set()))
 }
 
+/// Most angles of incidence of a list.
+const MOST_ANGLES: usize = 100_000;
+
 /// Parses `0:90:10,45` into ascending distinct angles.
 pub(super) fn angles(list: &str) -> Result<Vec<f64>, Stop> {
-    const MOST: f64 = 1e5;
-    let refuse = |item: &str| {
-        Stop::BadInput(format!(
-            "--incident-deg: {item:?} is not an angle or FROM:TO:STEP in degrees, 0 to 90"
-        ))
-    };
-    let number = |text: &str, item: &str| text.trim().parse::<f64>().map_err(|_| refuse(item));
-    let mut angles = Vec::new();
-    for item in list.split(',') {
-        let parts: Vec<&str> = item.split(':').collect();
-        match parts.as_slice() {
-            [one] => angles.push(number(one, item)?),
-            [from, to, step] => {
-                let (from, to, step) = (number(from, item)?, number(to, item)?, number(step, item)?);
-                let steps = ((to - from) / step + 1e-9).floor();
-                if !(step > 0.0 && (0.0..MOST).contains(&steps)) {
-                    return Err(refuse(item));
-                }
-                angles.extend((0..=steps as u32).map(|i| from + f64::from(i) * step));
-            }
-            _ => return Err(refuse(item)),
-        }
-    }
-    if let Some(bad) = angles.iter().find(|angle| !(0.0..=90.0).contains(*angle)) {
-        return Err(refuse(&bad.to_string()));
-    }
+    let mut angles = terminal::angles_deg("--incident-deg", list, MOST_ANGLES)?;
     angles.sort_by(f64::total_cmp);
     angles.dedup();
     Ok(angles)
@@ -402,7 +380,7 @@ pub(super) fn watched<T>(
     };
     let checkpoint = keeper.map(|keeper| Checkpoint { every: keeper.every, keep: &keep });
     let observer =
-        Observer { stop: &manners::INTERRUPTED, progress: &progress, forecast: &forecast, checkpoint };
+        Observer { stop: terminal::interruption()?, progress: &progress, forecast: &forecast, checkpoint };
     let result = work(&observer).map_err(|why| match (&why, keeper) {
         (BakeError::Interrupted, Some(keeper)) => keeper.interrupted(),
         _ => stop(why),
@@ -508,13 +486,5 @@ mod tests {
     fn lists_of_angles_take_numbers_and_ranges() {
         assert_eq!(angles("0:90:30,45,30").unwrap(), [0.0, 30.0, 45.0, 60.0, 90.0]);
         assert_eq!(angles("89.9").unwrap(), [89.9]);
-        assert_eq!(angles("0:1:0.1").unwrap().len(), 11);
-    }
-
-    #[test]
-    fn nonsense_angles_are_refused() {
-        for list in ["", "x", "91", "-1", "NaN", "0:90:0", "0:90:-1", "90:0:1", "0:90", "0:90:1e-9", "inf"] {
-            assert!(angles(list).is_err(), "{list}");
-        }
     }
 }

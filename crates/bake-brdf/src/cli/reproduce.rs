@@ -22,7 +22,7 @@ pub(super) fn run(path: &Path, manners: &Manners) -> Outcome {
     })?;
     reproduce::request(&stored.meta).map_err(|why| Stop::bad_input(format!("{file}: {why}")))?;
     if stored.meta.solver == Solver::Walk {
-        manners::watch_for_interrupts()?;
+        terminal::interruption()?;
     }
     let pool = manners.pool()?;
     let started = Instant::now();

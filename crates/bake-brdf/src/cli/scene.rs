@@ -53,7 +53,7 @@ pub(crate) fn run(
     }
     writable(&copy)?;
     let folder = lut_io::atomic::folder_of(&copy);
-    manners::watch_for_interrupts()?;
+    terminal::interruption()?;
     let mut tables = Vec::new();
     for table in &plan.tables {
         let name = table_name.clone().unwrap_or_else(|| name_of(table));

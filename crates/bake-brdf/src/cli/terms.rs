@@ -1,7 +1,6 @@
 //! Flags that say how to bake: shared by `bake` and `plan`.
 
 use super::bake::angles;
-use super::manners;
 use bake_brdf::bake::{self, SolverChoice, Target};
 use bake_brdf::effects::Asked;
 use bake_brdf::plan::Terms;
@@ -126,7 +125,7 @@ pub(crate) fn budget(flag: &str, seconds: f64) -> Result<Duration, Stop> {
 /// The recipe of a file, or the paper's; and what a message calls it.
 pub(crate) fn recipe(path: Option<&Path>) -> Result<(Recipe, String), Stop> {
     let Some(path) = path else { return Ok((Recipe::default(), "the paper's pearl".to_owned())) };
-    let recipe = Recipe::from_json(&manners::read_text(path, recipe::MAX_BYTES)?)
+    let recipe = Recipe::from_json(&terminal::read_text(path, recipe::MAX_BYTES)?)
         .map_err(|why| Stop::BadInput(format!("{}: {why}", path.display())))?;
     Ok((recipe, path.display().to_string()))
 }

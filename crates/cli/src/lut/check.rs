@@ -19,12 +19,9 @@ pub(crate) struct CheckArgs {
     /// A second walk of the same recipe with another seed: do the two differ as their stored errors say?
     #[arg(long, value_name = "FILE")]
     against: Option<PathBuf>,
-    /// Print one JSON object.
-    #[arg(long)]
-    json: bool,
 }
 
-pub(crate) fn run(args: &CheckArgs) -> Outcome {
+pub(crate) fn run(args: &CheckArgs, json: bool) -> Outcome {
     let file = &args.file.file;
     let lobe = read_lobe(file)?;
     let table = lobe.table();
@@ -37,7 +34,7 @@ pub(crate) fn run(args: &CheckArgs) -> Outcome {
     if !honesty.iter().all(honest) {
         failed.push("honesty");
     }
-    if args.json {
+    if json {
         terminal::print_json(&json!({
             "schema": "lut-check/1",
             "pass": failed.is_empty(),

@@ -19,18 +19,15 @@ pub(crate) struct DiffArgs {
     /// The second table, read between its nodes where it has no such incidence or other cells.
     #[arg(value_name = "B")]
     b: PathBuf,
-    /// Print one JSON object.
-    #[arg(long)]
-    json: bool,
 }
 
-pub(crate) fn run(args: &DiffArgs) -> Outcome {
+pub(crate) fn run(args: &DiffArgs, json: bool) -> Outcome {
     let difference = diff::diff(&read_lobe(&args.a)?, &read_lobe(&args.b)?);
     let (a, b) = (args.a.display(), args.b.display());
     if difference.per_incidence.is_empty() {
         return Err(Stop::bad_input(format!("{a}: per_incidence: has no angle within those of {b}")));
     }
-    if args.json {
+    if json {
         let mut object = serde_json::to_value(&difference).map_err(Stop::failure)?;
         object["schema"] = "lut-diff/1".into();
         object["significance"] = SIGNIFICANCE.into();

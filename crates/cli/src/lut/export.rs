@@ -24,9 +24,6 @@ pub(crate) struct ExportArgs {
     /// File to write.
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Print one JSON object on stdout.
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
@@ -50,7 +47,7 @@ impl Format {
 }
 
 /// Writes the table with the look of its recipe, and says how far what was written is from the table.
-pub(crate) fn run(args: &ExportArgs) -> Outcome {
+pub(crate) fn run(args: &ExportArgs, json: bool) -> Outcome {
     let path = &args.file.file;
     let table = read(path)?;
     crate::check_output(path, &args.output)?;
@@ -63,9 +60,8 @@ pub(crate) fn run(args: &ExportArgs) -> Outcome {
         Format::BsdfSpectral => tensor(&bsdf, &Channels::Spectral(measured::wavelengths_nm(&bsdf)), &name)?,
         Format::Merl => merl(&bsdf)?,
     };
-    lut_io::atomic::write(&args.output, &bytes)
-        .map_err(|why| Stop::failure(format!("{}: {why}", args.output.display())))?;
-    if args.json {
+    nacre_cli::write_file(&args.output, &bytes)?;
+    if json {
         return terminal::print_json(&report(args, bytes.len(), &errors));
     }
     terminal::print(&text(args, bytes.len(), &errors))

@@ -46,9 +46,6 @@ pub(crate) struct FitArgs {
     /// [default: 0.3].
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     total_variation: Option<f64>,
-    /// Print one JSON object on stdout.
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +57,7 @@ enum FormArg {
 }
 
 /// Writes the compact form, and says how far it is from the table.
-pub(crate) fn run(args: &FitArgs) -> Outcome {
+pub(crate) fn run(args: &FitArgs, json: bool) -> Outcome {
     let path = &args.file.file;
     let permitted = permitted(args)?;
     let lobe = crate::read_lobe(path)?;
@@ -87,11 +84,10 @@ pub(crate) fn run(args: &FitArgs) -> Outcome {
     packing::round(&mut compact.meta, digits).map_err(invalid)?;
     let lost = state_loss(&mut compact, &lobe, path)?;
     let bytes = exr_file::encode_compact(&compact).map_err(invalid)?;
-    lut_io::atomic::write(&args.output, &bytes)
-        .map_err(|why| Stop::failure(format!("{}: cannot write the file: {why}", args.output.display())))?;
+    nacre_cli::write_file(&args.output, &bytes)?;
     let uniform = (args.form == FormArg::Table).then(|| uniform(&lobe, &compact.meta));
     let report = Report { compact: &compact, source_bytes, bytes: bytes.len() as u64, lost, uniform };
-    if args.json { terminal::print_json(&report.json(args)) } else { terminal::print(&report.text(args)) }
+    if json { terminal::print_json(&report.json(args)) } else { terminal::print(&report.text(args)) }
 }
 
 fn permitted(args: &FitArgs) -> Result<f64, Stop> {

@@ -11,20 +11,17 @@ use terminal::{Outcome, Stop};
 pub(crate) struct InfoArgs {
     #[command(flatten)]
     file: FileArg,
-    /// Print one JSON object.
-    #[arg(long)]
-    json: bool,
 }
 
-pub(crate) fn run(args: &InfoArgs) -> Outcome {
+pub(crate) fn run(args: &InfoArgs, json: bool) -> Outcome {
     let meta = read(&args.file.file)?.meta;
-    if args.json {
-        return terminal::print_json(&json(&meta)?);
+    if json {
+        return terminal::print_json(&object(&meta)?);
     }
     terminal::print(&text(&meta))
 }
 
-fn json(meta: &Meta) -> Result<serde_json::Value, Stop> {
+fn object(meta: &Meta) -> Result<serde_json::Value, Stop> {
     let mut object = serde_json::to_value(meta).map_err(Stop::failure)?;
     object["grids"] = grids(meta);
     Ok(object)

@@ -33,21 +33,7 @@ struct Cli {
     #[command(subcommand)]
     command: Command,
     #[command(flatten)]
-    manners: Manners,
-}
-
-/// Flags that every command shares.
-#[derive(Args, Clone, Copy, Debug)]
-struct Manners {
-    /// Say nothing on stderr but errors.
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
-    quiet: bool,
-    /// Say more on stderr.
-    #[arg(short, long, global = true)]
-    verbose: bool,
-    /// Threads to use [default: one per core].
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
-    threads: Option<u16>,
+    manners: terminal::Manners,
 }
 
 #[derive(Debug, Subcommand)]
@@ -82,15 +68,16 @@ fn main() -> ExitCode {
 }
 
 fn run(cli: Cli) -> Outcome {
-    terminal::pool(cli.manners.threads)?.install(|| match cli.command {
-        Command::Info(args) => info::run(&args),
-        Command::Slice(args) => slice::run(&args),
-        Command::Plot(args) => plot::run(&args, cli.manners),
-        Command::Diff(args) => diff::run(&args),
-        Command::Check(args) => check::run(&args),
-        Command::Export(args) => export::run(&args),
-        Command::Fit(args) => fit::run(&args),
-        Command::Merge(args) => merge::run(&args),
+    let json = cli.manners.json;
+    cli.manners.pool()?.install(|| match cli.command {
+        Command::Info(args) => info::run(&args, json),
+        Command::Slice(args) => slice::run(&args, json),
+        Command::Plot(args) => plot::run(&args, &cli.manners),
+        Command::Diff(args) => diff::run(&args, json),
+        Command::Check(args) => check::run(&args, json),
+        Command::Export(args) => export::run(&args, json),
+        Command::Fit(args) => fit::run(&args, json),
+        Command::Merge(args) => merge::run(&args, json),
         Command::Completions { shell } => terminal::completions::<Cli>(shell),
         Command::Man => terminal::manual::<Cli>(),
     })

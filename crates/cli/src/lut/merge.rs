@@ -19,7 +19,7 @@ pub(crate) struct MergeArgs {
     content_hash: Option<String>,
 }
 
-pub(crate) fn run(args: &MergeArgs) -> Outcome {
+pub(crate) fn run(args: &MergeArgs, json: bool) -> Outcome {
     let mut shards = Vec::with_capacity(args.shards.len());
     for path in &args.shards {
         let name = path.display().to_string();
@@ -41,5 +41,11 @@ pub(crate) fn run(args: &MergeArgs) -> Outcome {
         shards.push((name, snapshot));
     }
     let table = snapshot::merge(&shards).map_err(Stop::bad_input)?;
-    exr_file::write(&table, &args.output).map_err(super::stop)
+    exr_file::write(&table, &args.output).map_err(super::stop)?;
+    if !json {
+        return Ok(());
+    }
+    terminal::print_json(&serde_json::json!({
+        "schema": "lut-merge/1", "output": args.output.display().to_string(), "shards": shards.len(),
+    }))
 }

@@ -4,7 +4,7 @@ mod azimuth;
 mod incidences;
 mod reciprocity;
 
-use crate::{FileArg, Manners, read_lobe};
+use crate::{FileArg, read_lobe};
 use kuva::backend::raster::RasterBackend;
 use kuva::backend::svg::SvgBackend;
 use kuva::render::layout::{AxisLine, Layout, TickFormat};
@@ -12,7 +12,7 @@ use kuva::render::render::Scene;
 use lut_io::lobe::Interpolant;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use terminal::{Outcome, Stop};
+use terminal::{Manners, Outcome, Stop};
 
 /// Pixels of the PNG a unit of the SVG: 300 dpi at the SVG's 100 units an inch.
 const PNG_SCALE: f32 = 3.0;
@@ -38,7 +38,7 @@ pub(crate) struct PlotArgs {
     output: PathBuf,
 }
 
-pub(crate) fn run(args: &PlotArgs, manners: Manners) -> Outcome {
+pub(crate) fn run(args: &PlotArgs, manners: &Manners) -> Outcome {
     let lobe = read_lobe(&args.file.file)?;
     let output = &args.output;
     std::fs::create_dir_all(output)
@@ -51,16 +51,14 @@ pub(crate) fn run(args: &PlotArgs, manners: Manners) -> Outcome {
         ("fig10-azimuth".to_owned(), azimuth::map_and_cuts(&lobe, theta_i_deg)),
         ("reciprocity".to_owned(), reciprocity::scene(&map)),
     ];
-    let mut written = String::new();
+    let mut files = Vec::new();
     for (name, scene) in figures {
-        for path in save(output, &name, &scene)? {
-            written.push_str(&format!("{}\n", path.display()));
-        }
+        files.extend(save(output, &name, &scene)?);
     }
     let numbers = output.join("reciprocity.json");
     reciprocity::write(&map, &numbers)?;
-    written.push_str(&format!("{}\n", numbers.display()));
-    if manners.quiet { Ok(()) } else { terminal::print(&written) }
+    files.push(numbers);
+    nacre_cli::print_files("lut-plot/1", &files, manners)
 }
 
 /// The angle asked for if the table covers it, else the nearest that it covers.
@@ -74,8 +72,7 @@ fn save(folder: &Path, name: &str, scene: &Scene) -> Result<[PathBuf; 2], Stop> 
     let svg = SvgBackend.render_scene(scene);
     let paths = [folder.join(format!("{name}.svg")), folder.join(format!("{name}.png"))];
     for (path, bytes) in paths.iter().zip([svg.as_bytes(), &png]) {
-        lut_io::atomic::write(path, bytes)
-            .map_err(|error| Stop::failure(format!("{}: cannot write the file: {error}", path.display())))?;
+        nacre_cli::write_file(path, bytes)?;
     }
     Ok(paths)
 }

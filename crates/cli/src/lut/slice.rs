@@ -29,9 +29,6 @@ pub(crate) struct SliceArgs {
     /// below (its θi in the substrate). Other than reflected, θi must be a stored one.
     #[arg(long, value_enum, default_value = "reflected")]
     lobe: LobeArg,
-    /// Print one JSON object.
-    #[arg(long)]
-    json: bool,
     /// Print comma-separated values with a header line (the default).
     #[arg(long, conflicts_with = "json")]
     csv: bool,
@@ -45,22 +42,22 @@ enum LobeArg {
     BelowTransmitted,
 }
 
-pub(crate) fn run(args: &SliceArgs) -> Outcome {
+pub(crate) fn run(args: &SliceArgs, json: bool) -> Outcome {
     match args.lobe {
-        LobeArg::Reflected => reflected(args),
-        LobeArg::Transmitted => passage(args, Passage::Transmitted),
-        LobeArg::BelowReflected => passage(args, Passage::BelowReflected),
-        LobeArg::BelowTransmitted => passage(args, Passage::BelowTransmitted),
+        LobeArg::Reflected => reflected(args, json),
+        LobeArg::Transmitted => passage(args, Passage::Transmitted, json),
+        LobeArg::BelowReflected => passage(args, Passage::BelowReflected, json),
+        LobeArg::BelowTransmitted => passage(args, Passage::BelowTransmitted, json),
     }
 }
 
-fn passage(args: &SliceArgs, passage: Passage) -> Outcome {
+fn passage(args: &SliceArgs, passage: Passage, json: bool) -> Outcome {
     let table = crate::read(&args.file.file)?;
     let slice = both_sides::slice(&table, passage, args.theta_i, args.phi)
         .map_err(|error| Stop::bad_input(format!("{}: {error}", args.file.file.display())))?;
     let columns =
         [("theta_o_deg".to_owned(), slice.theta_o_deg.as_slice()), (passage.name().to_owned(), &slice.value)];
-    if args.json {
+    if json {
         let mut object = serde_json::json!({
             "schema": "lut-slice/1",
             "lobe": passage.name(),
@@ -76,13 +73,13 @@ fn passage(args: &SliceArgs, passage: Passage) -> Outcome {
     terminal::print(&csv(&columns))
 }
 
-fn reflected(args: &SliceArgs) -> Outcome {
+fn reflected(args: &SliceArgs, json: bool) -> Outcome {
     let lobe = read_lobe(&args.file.file)?;
     slice::check_angles(&lobe, args.theta_i, args.phi)
         .map_err(|error| Stop::bad_input(format!("{}: {error}", args.file.file.display())))?;
     let slice = Slice::new(&lobe, args.theta_i, args.phi);
-    if args.json {
-        return terminal::print_json(&json(&slice));
+    if json {
+        return terminal::print_json(&object(&slice));
     }
     terminal::print(&csv(&columns(&slice)))
 }
@@ -100,7 +97,7 @@ fn columns(slice: &Slice) -> Vec<(String, &[f64])> {
     columns
 }
 
-fn json(slice: &Slice) -> serde_json::Value {
+fn object(slice: &Slice) -> serde_json::Value {
     let mut object = serde_json::json!({
         "schema": "lut-slice/1",
         "theta_i_deg": slice.theta_i_deg,

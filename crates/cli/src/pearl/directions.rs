@@ -5,8 +5,8 @@ use pearl_bsdf::{Components, Direction, Evaluation};
 use rand::{RngExt as _, SeedableRng as _};
 use serde::Deserialize;
 use serde_json::{Value, json};
-use std::io::{BufRead as _, BufReader, BufWriter, ErrorKind, Read, Write as _};
-use terminal::{Outcome, Stop};
+use std::io::{BufRead as _, BufWriter, Read as _, Write as _};
+use terminal::{Outcome, Stop, stdout_error};
 
 /// Longest input line, bytes: six numbers take far less.
 const MAX_LINE: u64 = 4096;
@@ -24,31 +24,21 @@ struct Pair {
 pub(crate) fn eval(args: &EvalArgs) -> Outcome {
     let bsdf = args.pearl.bsdf()?;
     let name = args.input.display();
-    let source: Box<dyn Read> = if args.input.as_os_str() == "-" {
-        Box::new(std::io::stdin().lock())
-    } else {
-        Box::new(
-            std::fs::File::open(&args.input).map_err(|error| Stop::bad_input(format!("{name}: {error}")))?,
-        )
-    };
-    let mut source = BufReader::new(source);
+    let mut source = terminal::open_text(&args.input)?;
     let mut out = BufWriter::new(std::io::stdout().lock());
     let mut line = Vec::new();
     for number in 1u64.. {
         line.clear();
-        let read =
-            (&mut source).take(MAX_LINE + 1).read_until(b'\n', &mut line).map_err(|error| {
-                match error.kind() {
-                    ErrorKind::IsADirectory => Stop::bad_input(format!("{name}: {error}")),
-                    _ => Stop::failure(format!("{name}: line {number}: {error}")),
-                }
-            })?;
+        let read = (&mut source)
+            .take(MAX_LINE + 1)
+            .read_until(b'\n', &mut line)
+            .map_err(|error| Stop::failure(format!("{name}: line {number}: {error}")))?;
         if read == 0 {
             break;
         }
         // What was evaluated before the bad line has its answers.
         let bad = |out: &mut BufWriter<_>, why: String| {
-            out.flush()?;
+            out.flush().map_err(|error| stdout_error(&error))?;
             Err(Stop::bad_input(format!("{name}: line {number}: {why}")))
         };
         if read as u64 > MAX_LINE {
@@ -67,9 +57,9 @@ pub(crate) fn eval(args: &EvalArgs) -> Outcome {
             let at = |nm: &f64| bsdf.eval_seen_at(wi, wo, *nm).iter().sum::<f64>();
             object["spectral"] = args.wavelengths_nm.iter().map(at).collect();
         }
-        writeln!(out, "{object}")?;
+        writeln!(out, "{object}").map_err(|error| stdout_error(&error))?;
     }
-    Ok(out.flush()?)
+    out.flush().map_err(|error| stdout_error(&error))
 }
 
 fn parse(line: &[u8]) -> Result<(Direction, Direction), String> {
@@ -117,9 +107,9 @@ pub(crate) fn sample(args: &SampleArgs) -> Outcome {
             }
             None => json!({ "wo": null, "pdf": 0.0, "rgb": [0.0, 0.0, 0.0], "weight": [0.0, 0.0, 0.0] }),
         };
-        writeln!(out, "{object}")?;
+        writeln!(out, "{object}").map_err(|error| stdout_error(&error))?;
     }
-    Ok(out.flush()?)
+    out.flush().map_err(|error| stdout_error(&error))
 }
 
 #[cfg(test)]

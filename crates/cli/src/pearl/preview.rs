@@ -5,9 +5,7 @@ mod image;
 use crate::args::PreviewArgs;
 use image::Picture;
 use nacre_cli::preview::{Lighting, Quality, Shape, VIEWS, render};
-use serde_json::json;
-use terminal::Manners;
-use terminal::{Outcome, Stop};
+use terminal::{Manners, Outcome, Stop};
 
 pub(crate) fn run(args: &PreviewArgs, manners: &Manners) -> Outcome {
     let bsdf = args.pearl.bsdf()?;
@@ -23,15 +21,9 @@ pub(crate) fn run(args: &PreviewArgs, manners: &Manners) -> Outcome {
                 let path = folder.join(format!("{}-{}-{name}.png", shape.name(), lighting.name()));
                 let picture = Picture { size: args.size, pixels: rendered.view(view) };
                 picture.write(&path)?;
-                files.push(path.display().to_string());
+                files.push(path);
             }
         }
     }
-    if manners.json {
-        return terminal::print_json(&json!({ "schema": "pearl-preview/1", "files": files }));
-    }
-    if manners.quiet {
-        return Ok(());
-    }
-    terminal::print(&(files.join("\n") + "\n"))
+    nacre_cli::print_files("pearl-preview/1", &files, manners)
 }

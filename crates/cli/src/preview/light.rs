@@ -1,7 +1,7 @@
-//! The distant light, the studio sky, and what the pearl sends of them to the viewer.
+//! The distant light, the studio sky, and what the pearl and the ground send of them to the viewer.
 
 use super::Pixel;
-use super::scene::{Hit, Shape, sphere_distance};
+use super::scene::{Hit, Ray, Shape, sphere_distance};
 use super::vector::{Frame, Vector, add, dot, mix, normalize, scale, smooth};
 use pearl_bsdf::{Evaluation, PearlBsdf};
 use std::f64::consts::PI;
@@ -147,12 +147,7 @@ impl Studio {
     }
 
     /// Irradiance of the ground z = −1 with the unit sphere on it.
-    pub(super) fn irradiance_on_ground(
-        &self,
-        lighting: Lighting,
-        point: Vector,
-        random: &Sequence,
-    ) -> Vector {
+    fn irradiance_on_ground(&self, lighting: Lighting, point: Vector, random: &Sequence) -> Vector {
         let open = |direction: Vector| f64::from(u8::from(sphere_distance((point, direction)).is_none()));
         // Cosine-weighted share of the sky that a sphere of radius 1 at height 1 hides: cos θ/D².
         let distance2 = point[0] * point[0] + point[1] * point[1] + 1.0;
@@ -172,6 +167,28 @@ impl Studio {
             }
         }
     }
+}
+
+/// Reflectance of the ground.
+const GROUND: Vector = [0.115, 0.118, 0.124];
+/// Radiance of the backdrop behind it.
+const BACKDROP: Vector = [0.052, 0.054, 0.058];
+
+/// Radiance of the ground that a ray meets, or of the backdrop; the sphere stands on it and shades it.
+pub(super) fn ground(
+    studio: &Studio,
+    lighting: Lighting,
+    (_, direction): Ray,
+    point: Option<Vector>,
+    random: &Sequence,
+) -> Vector {
+    let rise = smooth(-0.22, 0.25, direction[2]);
+    let backdrop = scale(BACKDROP, 1.0 - 0.55 * rise);
+    let Some(p) = point else { return backdrop };
+    let away = (p[0] * p[0] + p[1] * p[1]).sqrt();
+    let lit = studio.irradiance_on_ground(lighting, p, random);
+    let diffuse: Vector = std::array::from_fn(|c| GROUND[c] / PI * lit[c]);
+    mix(diffuse, backdrop, smooth(1.5, 9.0, away))
 }
 
 /// What the pearl sends to the viewer: diffuse, incoherent interference, lobes, and their sum; along directions of `sampler`.

@@ -89,7 +89,7 @@ pub fn render(
                             light::reflected(bsdf, sampler, &studio, lighting, shape, hit, &random)
                         }
                         Surface::Ground(point) => {
-                            let radiance = scene::ground(&studio, lighting, ray, *point, &random);
+                            let radiance = light::ground(&studio, lighting, ray, *point, &random);
                             [radiance; VIEWS.len()]
                         }
                     };

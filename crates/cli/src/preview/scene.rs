@@ -1,7 +1,6 @@
-//! The two shapes, the camera, and the ground the sphere stands on.
+//! The two shapes, and the camera that looks at them.
 
-use super::light::{Lighting, Sequence, Studio};
-use super::vector::{Vector, add, cross, dot, mix, normalize, scale, smooth};
+use super::vector::{Vector, add, cross, dot, normalize, scale};
 
 /// What is looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -151,26 +150,4 @@ fn swatch_shades(point: Vector, direction: Vector) -> bool {
         let p = add(point, scale(direction, 0.01 + leave * f64::from(i) / f64::from(steps)));
         p[2] < height(p[0], p[1])
     })
-}
-
-/// Reflectance of the ground.
-const GROUND: Vector = [0.115, 0.118, 0.124];
-/// Radiance of the backdrop behind it.
-const BACKDROP: Vector = [0.052, 0.054, 0.058];
-
-/// Radiance of the ground that a ray meets, or of the backdrop; the sphere stands on it and shades it.
-pub(super) fn ground(
-    studio: &Studio,
-    lighting: Lighting,
-    (_, direction): Ray,
-    point: Option<Vector>,
-    random: &Sequence,
-) -> Vector {
-    let rise = smooth(-0.22, 0.25, direction[2]);
-    let backdrop = scale(BACKDROP, 1.0 - 0.55 * rise);
-    let Some(p) = point else { return backdrop };
-    let away = (p[0] * p[0] + p[1] * p[1]).sqrt();
-    let lit = studio.irradiance_on_ground(lighting, p, random);
-    let diffuse: Vector = std::array::from_fn(|c| GROUND[c] / std::f64::consts::PI * lit[c]);
-    mix(diffuse, backdrop, smooth(1.5, 9.0, away))
 }

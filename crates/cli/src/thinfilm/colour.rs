@@ -99,7 +99,7 @@ pub(crate) fn colours(args: &ColourArgs, as_json: bool, quiet: bool) -> Outcome 
     terminal::print(&text)
 }
 
-fn entry(angle_deg: f64, c: &StackColour, precision: &Precision) -> Value {
+pub(crate) fn entry(angle_deg: f64, c: &StackColour, precision: &Precision) -> Value {
     json!({
         "angle_deg": angle_deg, "xyz": c.xyz, "linear_srgb": c.linear_srgb, "lab": c.lab,
         "srgb": colour::srgb_bytes(c.linear_srgb), "wavelengths": c.wavelengths,

@@ -61,7 +61,7 @@ fn run(cli: Cli) -> Outcome {
     cli.manners.pool()?.install(|| match &cli.command {
         Command::Spectrum(args) => spectrum::spectrum(args, json),
         Command::Colour(args) => colour::colours(args, json, quiet),
-        Command::Swatch(args) => swatch::swatch(args, quiet),
+        Command::Swatch(args) => swatch::swatch(args, json, quiet),
         Command::Verify { cases } => verify::verify(cases, json),
         Command::Materials => materials::materials(json),
         Command::Completions { shell } => terminal::completions::<Cli>(*shell),

@@ -3,12 +3,13 @@
 use clap::Args;
 use kuva::backend::raster::RasterBackend;
 use kuva::render::render::{Primitive, Scene, TextAnchor};
+use serde_json::{Value, json};
 use std::path::PathBuf;
 use terminal::{Outcome, Stop};
 use thinfilm::Stack;
-use thinfilm::colour::{self, StackColour};
+use thinfilm::colour::{StackColour, srgb_bytes};
 
-use crate::colour::Precision;
+use crate::colour::{self, Precision};
 use crate::input;
 
 /// Arguments of `thinfilm swatch`.
@@ -33,7 +34,7 @@ pub(crate) struct SwatchArgs {
 const MOST_CELLS: usize = 10_000;
 
 /// Draws the swatch to a PNG.
-pub(crate) fn swatch(args: &SwatchArgs, quiet: bool) -> Outcome {
+pub(crate) fn swatch(args: &SwatchArgs, as_json: bool, quiet: bool) -> Outcome {
     let recipe = input::read_recipe(&args.recipe)?;
     let angles_deg = input::angles_deg(&args.angles_deg)?;
     let percents = input::samples("--thickness-percent", "per cent", &args.thickness_percent)?;
@@ -57,8 +58,19 @@ pub(crate) fn swatch(args: &SwatchArgs, quiet: bool) -> Outcome {
     let swatch =
         Swatch { name: &recipe.name, angles_deg: &angles_deg, percents: &percents, columns: &columns };
     let png = RasterBackend::new().with_scale(2.0).render_scene(&swatch.draw()).map_err(Stop::failure)?;
-    lut_io::atomic::write(&args.output, &png)
-        .map_err(|why| Stop::failure(format!("{}: cannot write the file: {why}", args.output.display())))
+    nacre_cli::write_file(&args.output, &png)?;
+    if !as_json {
+        return Ok(());
+    }
+    let column = |(percent, colours): (&f64, &Vec<StackColour>)| {
+        let cells = angles_deg.iter().zip(colours);
+        let cells: Vec<Value> = cells.map(|(angle, c)| colour::entry(*angle, c, &args.precision)).collect();
+        json!({ "thickness_percent": percent, "colours": cells })
+    };
+    terminal::print_json(&json!({
+        "schema": "thinfilm-swatch/1", "output": args.output.display().to_string(), "exposure": swatch.exposure(),
+        "columns": percents.iter().zip(&columns).map(column).collect::<Vec<_>>(),
+    }))
 }
 
 fn thickened(stack: &Stack, share: f64) -> Stack {
@@ -141,7 +153,7 @@ impl Swatch<'_> {
 }
 
 fn cell(x: f64, y: f64, linear: [f64; 3]) -> Primitive {
-    let [r, g, b] = colour::srgb_bytes(linear);
+    let [r, g, b] = srgb_bytes(linear);
     Primitive::Rect {
         x,
         y,

@@ -6,14 +6,12 @@ use std::path::Path;
 use terminal::{Outcome, Stop};
 use thinfilm::reference_case::{CaseFile, Verdict};
 
-use crate::input::read;
-
 /// Longest file of reference cases that is read, bytes.
 const MOST_CASE_BYTES: u64 = 256 << 20;
 
 pub(crate) fn verify(path: &Path, as_json: bool) -> Outcome {
     let named = |why: String| Stop::BadInput(format!("{}: {why}", path.display()));
-    let text = read(path, MOST_CASE_BYTES)?;
+    let text = terminal::read_text(path, MOST_CASE_BYTES)?;
     let file: CaseFile = serde_json::from_str(&text).map_err(|why| named(why.to_string()))?;
     let verdicts: Result<Vec<Verdict>, _> = file.cases.par_iter().map(|case| case.verify()).collect();
     let verdicts = verdicts.map_err(|why| named(why.to_string()))?;

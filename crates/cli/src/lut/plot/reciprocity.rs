@@ -9,7 +9,7 @@ use kuva::render::render::Scene;
 use lut_io::lobe::Interpolant;
 use lut_io::reciprocity::{self, DefectMap};
 use std::path::Path;
-use terminal::Stop;
+use terminal::{Outcome, Stop};
 
 /// Angles along each side of the map: half-way between whole even degrees, so that most lie between a table's incidences.
 const ANGLES: usize = 45;
@@ -50,10 +50,9 @@ pub(super) fn scene(map: &DefectMap) -> Scene {
 }
 
 /// Writes the numbers of the map.
-pub(super) fn write(map: &DefectMap, path: &Path) -> Result<(), Stop> {
+pub(super) fn write(map: &DefectMap, path: &Path) -> Outcome {
     let mut object = serde_json::to_value(map).map_err(Stop::failure)?;
     object["schema"] = "lut-reciprocity/1".into();
     let text = serde_json::to_string(&object).map_err(Stop::failure)? + "\n";
-    lut_io::atomic::write(path, text.as_bytes())
-        .map_err(|error| Stop::failure(format!("{}: cannot write the file: {error}", path.display())))
+    nacre_cli::write_file(path, text.as_bytes())
 }

@@ -2,7 +2,7 @@
 
 use nacre_cli::preview::tone::tone_map;
 use std::path::Path;
-use terminal::Stop;
+use terminal::{Outcome, Stop};
 
 /// A square picture of linear sRGB radiance, row by row from the top.
 pub(super) struct Picture {
@@ -12,7 +12,7 @@ pub(super) struct Picture {
 
 impl Picture {
     /// Writes an 8-bit sRGB PNG; the file appears whole or not at all.
-    pub(super) fn write(&self, path: &Path) -> Result<(), Stop> {
+    pub(super) fn write(&self, path: &Path) -> Outcome {
         let failure = |error: &dyn std::fmt::Display| Stop::failure(format!("{}: {error}", path.display()));
         let bytes: Vec<u8> =
             self.pixels.iter().enumerate().flat_map(|(i, rgb)| encode(*rgb, self.dither(i))).collect();
@@ -24,7 +24,7 @@ impl Picture {
         let mut writer = encoder.write_header().map_err(|error| failure(&error))?;
         writer.write_image_data(&bytes).map_err(|error| failure(&error))?;
         writer.finish().map_err(|error| failure(&error))?;
-        lut_io::atomic::write(path, &file).map_err(|error| failure(&error))
+        nacre_cli::write_file(path, &file)
     }
 
     /// Interleaved gradient noise in [−½, ½) (Jimenez 2014): smooth backgrounds show no bands.
