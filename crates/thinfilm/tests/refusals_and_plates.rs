@@ -116,7 +116,7 @@ fn an_incoherent_plate_absorbs_on_every_crossing() {
     let depth = 0.4;
     let face = |a: f64, b: f64| ((a - b) / (a + b)).powi(2);
     let (top, bottom) = (face(1.0, 1.7), face(1.7, 1.5));
-    let once = (-depth as f64).exp();
+    let once = f64::exp(-depth);
     let round_trips = 1.0 - top * bottom * once * once;
     let whole = intensity::incoherent(&[1.0, 1.7, 1.5], &[depth], 0.0, 0.5, |_, _| None);
     let reflectance = top + (1.0 - top).powi(2) * bottom * once * once / round_trips;
