@@ -1,7 +1,4 @@
-//! Multilayer thin-film interference.
-//!
-//! [`Multilayer::solve`](wave::Multilayer::solve) gives r, t, R, T, A of one stack at one wavelength and angle, in every
-//! hard case.
+#![doc = include_str!("../README.md")]
 #![doc = include_str!("conventions.md")]
 
 pub mod colour;

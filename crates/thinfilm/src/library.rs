@@ -1,4 +1,4 @@
-//! Materials with sources: `data/materials/materials.json`.
+//! Materials with sources: `data/materials/materials.json` of this crate.
 
 use std::sync::LazyLock;
 
@@ -24,7 +24,7 @@ pub struct Entry {
 
 static ENTRIES: LazyLock<Vec<Entry>> = LazyLock::new(|| {
     // A malformed file would fail the test below, never a user.
-    serde_json::from_str(include_str!("../../../data/materials/materials.json")).unwrap_or_default()
+    serde_json::from_str(include_str!("../data/materials/materials.json")).unwrap_or_default()
 });
 
 /// All of them.

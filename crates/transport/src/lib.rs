@@ -1,4 +1,4 @@
-//! The nacre light walk as a Markov chain, and its two solvers.
+#![doc = include_str!("../README.md")]
 //!
 //! [`Transport`] is the whole problem: indices, optical depths, facets at one wavelength. [`walk`] follows paths through
 //! it, [`doubling`] solves it without random numbers. Neither knows recipes, tables or files.
