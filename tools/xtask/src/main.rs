@@ -57,6 +57,9 @@ fn rust() -> Result<()> {
     // Private modules have pages too, so links to them lead somewhere.
     docs.env("RUSTDOCFLAGS", "--deny warnings --allow rustdoc::private_intra_doc_links");
     step("docs", docs)?;
+    // What the registry would take: everything in the packages, every dependency with a version.
+    let packages = ["package", "--workspace", "--exclude", "xtask", "--no-verify", "--allow-dirty", "--quiet"];
+    step("packages", cargo(&packages))?;
     // Optimised: the statistical tests walk billions of crossings.
     step("tests", cargo(&["test", "--release", "--workspace"]))?;
     step("long tests", cargo(&["test", "--release", "--workspace", "--", "--ignored", "long_"]))
