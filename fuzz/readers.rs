@@ -5,8 +5,9 @@
 
 use bake_brdf::bake::sampling::Shard;
 use bake_brdf::bake::snapshot::{self, Snapshot};
-use bake_brdf::bake::{self, BakeError, Observer, Request, Target};
-use bake_brdf::effects::Effect;
+use bake_brdf::bake::{self, BakeError, Observer, Request};
+use bake_brdf::effects::{Effect, Effects};
+use bake_brdf::options::{Options, Target};
 use bake_brdf::recipe::Recipe;
 use bake_brdf::scene::Scene;
 use lut_io::exr_file;
@@ -194,14 +195,17 @@ pub(crate) fn shard(body: &[u8]) -> Result<(), String> {
 /// A small bake, to be halved: two blocks of paths through three layers.
 pub(crate) fn small_bake(target: Target) -> Request {
     let recipe = Recipe::from_json(r#"{"stack":{"layers":3}}"#).expect("a recipe");
-    Request {
-        // Colours take longer than all the rest.
-        effects: [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect(),
+    // Colours take longer than all the rest.
+    let effects = [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect();
+    let options = Options {
+        effects: Effects::Listed(effects),
         incident_deg: vec![40.0],
+        target,
         seed: 3,
         event_cap: 1000,
-        ..Request::new(recipe, target)
-    }
+        ..Options::default()
+    };
+    Request { recipe, effects, options }
 }
 
 /// Shard 1 or 2 of 2 of the small bake.

@@ -17,8 +17,9 @@
 use std::error::Error;
 use std::time::Instant;
 
-use bake_brdf::bake::{self, Counts, Observer, ROWS, Request, Sides, SolverChoice, Target, WALKED};
-use bake_brdf::effects::{Effect, EffectSet};
+use bake_brdf::bake::{self, Counts, Observer, ROWS, Request, WALKED};
+use bake_brdf::effects::{Effect, Effects};
+use bake_brdf::options::{Options, SolverChoice, Target};
 use bake_brdf::recipe::{AzimuthMode, Recipe};
 use lut_io::Table;
 use lut_io::diff::diff;
@@ -121,9 +122,13 @@ fn request(stack: Stack, azimuth: AzimuthMode, incident_deg: &[f64], percent: f6
     );
     let mut recipe = Recipe::from_json(&text)?;
     recipe.azimuth.mode = azimuth;
-    let effects = [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect::<EffectSet>();
-    let request = Request::new(recipe, Target::AccuracyPercent(percent));
-    Ok(Request { effects, incident_deg: incident_deg.to_vec(), ..request })
+    let options = Options {
+        effects: Effects::Listed([Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect()),
+        incident_deg: incident_deg.to_vec(),
+        target: Target::AccuracyPercent(percent),
+        ..Options::default()
+    };
+    Ok(Request::new(recipe, options)?)
 }
 
 /// Seconds, and per cent of total variation against the truth where there is a table.
@@ -146,7 +151,7 @@ fn walked(clock: Clock, request: &Request, truth: &Interpolant) -> Result<Run> {
 }
 
 fn solved(clock: Clock, request: &Request, truth: &Interpolant) -> Run {
-    let (table, seconds) = timed(clock, || bake::doubling(request, &request.bands()?, Sides::Above));
+    let (table, seconds) = timed(clock, || bake::doubling(request, &request.bands()?));
     match table {
         Ok(table) => Run { seconds, reached: compared(table, truth) },
         Err(_) => Run { seconds: f64::INFINITY, reached: None },
@@ -204,7 +209,7 @@ fn try_fresh(clock: Clock, azimuths: &[AzimuthMode]) -> Result<()> {
 fn truth(at: &dyn Fn(f64) -> Result<Request>) -> Result<Interpolant> {
     let solved = |percent: f64| -> Result<Table> {
         let request = at(percent)?;
-        Ok(bake::doubling(&request, &request.bands()?, Sides::Above)?)
+        Ok(bake::doubling(&request, &request.bands()?)?)
     };
     Ok(Interpolant::new(solved(TRUTH_PERCENT).or_else(|_| solved(COARSE_TRUTH_PERCENT))?))
 }
@@ -317,7 +322,7 @@ fn sample(clock: Clock, request: &Request) -> Result<Sample> {
     let doubling = if expected > 2.0 * PATIENCE {
         None
     } else {
-        let (table, seconds) = timed(clock, || bake::doubling(request, &request.bands()?, Sides::Above));
+        let (table, seconds) = timed(clock, || bake::doubling(request, &request.bands()?));
         table.ok().map(|_| seconds)
     };
     Ok(Sample { counts, doubling, walk })

@@ -130,6 +130,12 @@ impl EffectSet {
         Effect::ALL.into_iter().filter(move |effect| self.contains(*effect))
     }
 
+    /// What a recipe's own look calls for.
+    #[must_use]
+    pub fn by_look(recipe: &Recipe) -> Self {
+        Decisions::by_view(recipe, &View::of_look(&recipe.look)).set()
+    }
+
     /// The names, in the model's order: the `effects` of a table's metadata.
     #[must_use]
     pub fn names(self) -> Vec<String> {
@@ -181,39 +187,40 @@ pub enum EffectError {
     },
 }
 
-/// A list of effects from the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Asked {
-    /// The effects listed; `None` for `all`.
-    pub set: Option<EffectSet>,
-    /// The azimuth mode, where the list names one.
-    pub azimuth: Option<AzimuthMode>,
+/// Which effects a table is to hold.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Effects {
+    /// Those that the look, or the scene, calls for.
+    #[default]
+    Look,
+    /// All that the recipe has matter for, whatever the look.
+    All,
+    /// These, whatever the look; one that this stack cannot have is an error.
+    Listed(EffectSet),
 }
 
-impl Asked {
-    /// Parses `surface,blur,azimuth:space` or `all`; `azimuth` may carry its mode.
+impl Effects {
+    /// Parses `surface,blur,azimuth:space` or `all`; `azimuth` may carry its mode, which is the second value.
     ///
     /// # Errors
     /// A name that is no effect.
-    pub fn parse(list: &str) -> Result<Self, EffectError> {
+    pub fn parse(list: &str) -> Result<(Self, Option<AzimuthMode>), EffectError> {
         if list.trim() == "all" {
-            return Ok(Self { set: None, azimuth: None });
+            return Ok((Self::All, None));
         }
         let (mut set, mut azimuth) = (EffectSet::NONE, None);
         for item in list.split(',').map(str::trim) {
-            if let Some(mode) = item.strip_prefix("azimuth:") {
-                azimuth = Some(match mode {
-                    "decay" => AzimuthMode::Decay,
-                    "space" => AzimuthMode::Space,
-                    _ => return Err(EffectError::AzimuthMode(mode.to_owned())),
-                });
-                set = set.with(Effect::Azimuth);
-                continue;
-            }
-            let effect = Effect::from_name(item).ok_or_else(|| EffectError::Unknown(item.to_owned()))?;
-            set = set.with(effect);
+            let name = match item.split_once(':') {
+                Some(("azimuth", mode)) => {
+                    let unknown = || EffectError::AzimuthMode(mode.to_owned());
+                    azimuth = Some(AzimuthMode::from_name(mode).ok_or_else(unknown)?);
+                    "azimuth"
+                }
+                _ => item,
+            };
+            set = set.with(Effect::from_name(name).ok_or_else(|| EffectError::Unknown(item.to_owned()))?);
         }
-        Ok(Self { set: Some(set), azimuth })
+        Ok((Self::Listed(set), azimuth))
     }
 }
 
@@ -324,32 +331,41 @@ pub struct Decision {
 pub struct Decisions(Vec<Decision>);
 
 impl Decisions {
-    /// What a recipe calls for when it is looked at in a certain way.
+    /// The decisions for a recipe that is looked at in a certain way.
+    ///
+    /// # Errors
+    /// A listed effect that this version does not simulate.
+    pub fn of(recipe: &Recipe, view: &View, effects: Effects) -> Result<Self, EffectError> {
+        match effects {
+            Effects::Look => Ok(Self::by_view(recipe, view)),
+            Effects::All => Ok(Self::of_all(recipe, view)),
+            Effects::Listed(set) => Self::of_list(recipe, set),
+        }
+    }
+
+    /// What the view calls for.
     #[must_use]
-    pub fn of(recipe: &Recipe, view: &View) -> Self {
+    pub fn by_view(recipe: &Recipe, view: &View) -> Self {
         Self(Effect::ALL.into_iter().map(|effect| decide(effect, recipe, view)).collect())
     }
 
-    /// What a list asks for, whatever the look; `blur` brings `surface` (its light passes the surface) and `azimuth`.
-    ///
-    /// # Errors
-    /// An effect that this version does not simulate.
-    pub fn of_list(recipe: &Recipe, asked: EffectSet) -> Result<Self, EffectError> {
-        for effect in asked.iter() {
+    /// `blur` brings `surface` (its light passes the surface) and `azimuth`.
+    fn of_list(recipe: &Recipe, list: EffectSet) -> Result<Self, EffectError> {
+        for effect in list.iter() {
             if let Err(why) = simulated(effect, recipe) {
                 return Err(EffectError::NotSimulated { effect, why });
             }
         }
         let decision = |effect: Effect| {
-            let listed = asked.contains(effect);
-            let needed = asked.contains(Effect::Blur) && matches!(effect, Effect::Surface | Effect::Azimuth);
+            let listed = list.contains(effect);
+            let needed = list.contains(Effect::Blur) && matches!(effect, Effect::Surface | Effect::Azimuth);
             let mut why = match (listed, needed) {
-                (true, _) => "listed in --effects".to_owned(),
-                (_, true) => "blur in --effects needs it".to_owned(),
-                _ => "not listed in --effects".to_owned(),
+                (true, _) => "listed".to_owned(),
+                (_, true) => "blur is listed and needs it".to_owned(),
+                _ => "not listed".to_owned(),
             };
             if matches!((effect, listed), (Effect::Polarisation | Effect::CoherentSheets, true))
-                && !asked.contains(Effect::Blur)
+                && !list.contains(Effect::Blur)
             {
                 why = format!("{why}, though it acts on blur alone, which is not");
             }
@@ -364,25 +380,18 @@ impl Decisions {
         Ok(Self(Effect::ALL.into_iter().map(decision).collect()))
     }
 
-    /// What an `--effects` list, or `all` that the recipe has matter for, asks for. `all` leaves the choices of another
-    /// walk (polarisation, coherent sheets) to the view.
-    ///
-    /// # Errors
-    /// A listed effect that this version does not simulate.
-    pub fn asked(recipe: &Recipe, view: &View, asked: Asked) -> Result<Self, EffectError> {
-        if let Some(set) = asked.set {
-            return Self::of_list(recipe, set);
-        }
+    /// All that the recipe has matter for, but the choices of another walk (polarisation, coherent sheets), which are the view's.
+    fn of_all(recipe: &Recipe, view: &View) -> Self {
         let decision = |effect: Effect| {
             if matches!(effect, Effect::Polarisation | Effect::CoherentSheets | Effect::Texture) {
                 return decide(effect, recipe, view);
             }
             match matter(effect, recipe).and_then(|what| simulated(effect, recipe).map(|()| what)) {
-                Ok(what) => Decision { effect, on: true, why: format!("--effects all; {what}") },
+                Ok(what) => Decision { effect, on: true, why: format!("all are listed; {what}") },
                 Err(lack) => Decision { effect, on: false, why: lack },
             }
         };
-        Ok(Self(Effect::ALL.into_iter().map(decision).collect()))
+        Self(Effect::ALL.into_iter().map(decision).collect())
     }
 
     /// The effects that are on.
@@ -542,7 +551,7 @@ fn decide(effect: Effect, recipe: &Recipe, view: &View) -> Decision {
         Effect::Polarisation => polarisation(recipe, view),
         Effect::Dispersion => needs_blur(recipe, view).and_then(|()| dispersion(recipe, view)),
         Effect::Coherent => coherent(view),
-        Effect::CoherentSheets => Err("only where --effects lists it".to_owned()),
+        Effect::CoherentSheets => Err("only where it is listed".to_owned()),
         Effect::Emission => emission(view),
         Effect::Irregularity => irregularity(recipe, view),
         Effect::Body => body(view),
@@ -656,7 +665,7 @@ mod tests {
     }
 
     fn on(recipe: &Recipe, view: &View) -> String {
-        Decisions::of(recipe, view).set().names().join(" ")
+        Decisions::by_view(recipe, view).set().names().join(" ")
     }
 
     fn paper() -> (Recipe, View) {
@@ -696,7 +705,7 @@ mod tests {
         assert_eq!(on(&recipe, &incoherent), "surface blur azimuth emission body");
         let dull = View { brightness: zero(), ..view.clone() };
         assert_eq!(on(&recipe, &dull), "emission body");
-        let why = &Decisions::of(&recipe, &dull).get(Effect::Blur).why.clone();
+        let why = &Decisions::by_view(&recipe, &dull).get(Effect::Blur).why.clone();
         assert_eq!(why, "brightness 0 (scene.xml:3)");
         let black = View { body: Setting::new(Some([0.0; 3]), "scene.xml:4"), ..view };
         assert_eq!(on(&recipe, &black), "surface blur azimuth coherent");
@@ -718,7 +727,7 @@ mod tests {
         let view = View::of_look(&recipe.look);
         let all = "surface blur azimuth absorption dispersion coherent emission irregularity body";
         assert_eq!(on(&recipe, &view), all);
-        let why = |view: &View, effect| Decisions::of(&recipe, view).get(effect).why.clone();
+        let why = |view: &View, effect| Decisions::by_view(&recipe, view).get(effect).why.clone();
         assert_eq!(
             why(&view, Effect::Dispersion),
             "the optical constants of aragonite depend on the wavelength"
@@ -729,7 +738,7 @@ mod tests {
         assert_eq!(why(&polarised, Effect::Polarisation), "the variant is polarised (s:1)");
         let mut space = recipe.clone();
         space.azimuth.mode = AzimuthMode::Space;
-        let decision = Decisions::of(&space, &polarised).get(Effect::Polarisation).clone();
+        let decision = Decisions::by_view(&space, &polarised).get(Effect::Polarisation).clone();
         assert!(!decision.on && decision.why.contains("azimuth decay has it"), "{decision:?}");
         assert!(why(&view, Effect::Polarisation).starts_with("the variant is not polarised"));
     }
@@ -744,14 +753,15 @@ mod tests {
     fn lists_are_taken_at_their_word() {
         let (recipe, view) = paper();
         let set = |list: &str| {
-            Decisions::asked(&recipe, &view, Asked::parse(list).unwrap()).unwrap().set().names().join(" ")
+            let (effects, _) = Effects::parse(list).unwrap();
+            Decisions::of(&recipe, &view, effects).unwrap().set().names().join(" ")
         };
         assert_eq!(set("body"), "body");
         assert_eq!(set("absorption,blur"), "surface blur azimuth absorption");
         assert_eq!(set("all"), "surface blur azimuth coherent emission body");
-        assert_eq!(Asked::parse("azimuth:space").unwrap().azimuth, Some(AzimuthMode::Space));
+        assert_eq!(Effects::parse("azimuth:space").unwrap().1, Some(AzimuthMode::Space));
         for list in ["", "glitter", "surface,,blur", "azimuth:flat", "Surface"] {
-            let line = Asked::parse(list).unwrap_err().to_string();
+            let line = Effects::parse(list).unwrap_err().to_string();
             assert!(line.starts_with("effects: ") && !line.contains('\n'), "{line}");
         }
     }

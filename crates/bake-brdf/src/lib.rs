@@ -2,6 +2,7 @@
 
 pub mod bake;
 pub mod effects;
+pub mod options;
 pub mod plan;
 pub mod recipe;
 pub mod scene;

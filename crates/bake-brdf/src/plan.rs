@@ -2,35 +2,14 @@
 //!
 //! Pearls of one recipe share a table that holds what any of them shows.
 
-use crate::bake::{self, BakeError, Bands, Observer, Request, SolverChoice, Target};
-use crate::effects::{Asked, Decisions, Effect, EffectError, EffectSet, View};
+use crate::bake::{self, BakeError, Bands, Observer, Request};
+use crate::effects::{Decisions, Effect, EffectError, EffectSet, View};
+use crate::options::{Options, SolverChoice};
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::scene::Scene;
 use crate::spectra::{self, Wanted};
 use serde::Serialize;
 use transport::Geometry;
-use transport::walk::lanes::Precision;
-
-/// How a bake is to be done, whatever the recipe.
-#[derive(Clone, Debug)]
-pub struct Terms {
-    /// Angles of incidence, degrees.
-    pub incident_deg: Vec<f64>,
-    /// When to stop.
-    pub target: Target,
-    /// Seed of the walk.
-    pub seed: u64,
-    /// Most events of a path.
-    pub event_cap: u32,
-    /// Arithmetic of the walk.
-    pub precision: Precision,
-    /// Who solves; `None` is the default of [`solver`].
-    pub solver: Option<SolverChoice>,
-    /// Azimuth mode in place of the recipe's.
-    pub azimuth: Option<AzimuthMode>,
-    /// Effects in place of those called for.
-    pub asked: Option<Asked>,
-}
 
 /// What something costs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -95,14 +74,13 @@ pub struct Plan {
 
 /// Why there is no plan.
 #[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum PlanError {
-    /// The effects asked for.
-    #[error("--{0}")]
-    Effects(#[from] EffectError),
-    /// The bake itself; the first text says of which pearl.
-    #[error("{0}{1}")]
-    Bake(String, BakeError),
+#[error("{place}{why}")]
+pub struct PlanError {
+    /// Which pearl of a scene, followed by `: `; empty without a scene.
+    pub place: String,
+    /// What stands in the way of its bake.
+    #[source]
+    pub why: BakeError,
 }
 
 impl Plan {
@@ -110,31 +88,29 @@ impl Plan {
     ///
     /// # Errors
     /// What the bake would refuse.
-    pub fn of_recipe(recipe: Recipe, from: &str, terms: &Terms) -> Result<Self, PlanError> {
+    pub fn of_recipe(recipe: Recipe, from: &str, options: &Options) -> Result<Self, PlanError> {
         let view = View::of_look(&recipe.look);
-        let id = recipe.name.clone();
-        let pearl = planned(id, from.to_owned(), Vec::new(), recipe, from.to_owned(), &view, terms)?;
-        Self::tabled(vec![(pearl, true)], terms)
+        let pearl = PlannedPearl::new(recipe, from, &view, options)?;
+        Self::tabled(vec![(pearl, true)], options)
     }
 
     /// The plan of a scene.
     ///
     /// # Errors
     /// What a bake would refuse.
-    pub fn of_scene(scene: &Scene, terms: &Terms) -> Result<Self, PlanError> {
+    pub fn of_scene(scene: &Scene, options: &Options) -> Result<Self, PlanError> {
         let pearl = |pearl: &crate::scene::Pearl| {
-            let recipe = &pearl.recipe;
-            let (id, place, shapes) = (pearl.id.clone(), pearl.place.clone(), pearl.shapes.clone());
             let planned =
-                planned(id, place, shapes, recipe.value.clone(), recipe.from.clone(), &pearl.view, terms)?;
-            Ok((planned, pearl.is_used()))
+                PlannedPearl::new(pearl.recipe.value.clone(), &pearl.recipe.from, &pearl.view, options)?;
+            let (id, place, shapes) = (pearl.id.clone(), pearl.place.clone(), pearl.shapes.clone());
+            Ok((PlannedPearl { id, place, shapes, ..planned }, pearl.is_used()))
         };
         let pearls: Result<Vec<_>, PlanError> = scene.pearls.iter().map(pearl).collect();
-        Self::tabled(pearls?, terms)
+        Self::tabled(pearls?, options)
     }
 
     /// Puts pearls of one recipe into one table, and finds the costs.
-    fn tabled(pearls: Vec<(PlannedPearl, bool)>, terms: &Terms) -> Result<Self, PlanError> {
+    fn tabled(pearls: Vec<(PlannedPearl, bool)>, options: &Options) -> Result<Self, PlanError> {
         let mut plan = Self { pearls: Vec::new(), tables: Vec::new() };
         for (mut pearl, used) in pearls {
             if used {
@@ -145,7 +121,11 @@ impl Plan {
                     Some(table) => table.request.effects = table.request.effects.union(set),
                     None => plan.tables.push(PlannedTable {
                         bands: Bands::own(&pearl.recipe),
-                        request: terms.request(pearl.recipe.clone(), set),
+                        request: Request {
+                            recipe: pearl.recipe.clone(),
+                            effects: set,
+                            options: options.clone(),
+                        },
                         solver: SolverChoice::Walk,
                         cost: Cost::default(),
                     }),
@@ -157,15 +137,14 @@ impl Plan {
         for (index, table) in plan.tables.iter_mut().enumerate() {
             let mut users = plan.pearls.iter_mut().filter(|pearl| pearl.table == Some(index));
             let Some(first) = users.next() else { continue };
-            let named = |error: BakeError| {
+            let named = |why: BakeError| {
                 let scene = first.place != first.recipe_from;
                 let place =
                     if scene { format!("{}: pearl {:?}: ", first.place, first.id) } else { String::new() };
-                PlanError::Bake(place, error)
+                PlanError { place, why }
             };
-            table.request.check().map_err(named)?;
             table.bands = table.request.bands().map_err(named)?;
-            table.solver = solver(&table.request, &table.bands, terms.solver).map_err(named)?;
+            table.solver = bake::solver(&table.request, &table.bands).map_err(named)?;
             let costs = costs(&table.request, &table.bands, table.solver).map_err(named)?;
             table.cost = costs.iter().copied().fold(Cost::default(), |sum, cost| sum + cost);
             // Each effect is paid for once, by the first pearl that shows it.
@@ -186,80 +165,22 @@ impl Plan {
     }
 }
 
-fn planned(
-    id: String,
-    place: String,
-    shapes: Vec<String>,
-    recipe: Recipe,
-    recipe_from: String,
-    view: &View,
-    terms: &Terms,
-) -> Result<PlannedPearl, PlanError> {
-    let (recipe, decisions) = terms.decide(recipe, view)?;
-    Ok(PlannedPearl {
-        id,
-        place,
-        shapes,
-        recipe,
-        recipe_from,
-        view: view.clone(),
-        decisions,
-        costs: [Cost::default(); 12],
-        table: None,
-    })
-}
-
-impl Terms {
-    /// The recipe with the azimuth asked for, and the effects: those listed, or those that the view calls for.
-    ///
-    /// # Errors
-    /// An effect that this version does not simulate.
-    pub fn decide(&self, mut recipe: Recipe, view: &View) -> Result<(Recipe, Decisions), EffectError> {
-        let mode = self.asked.and_then(|asked| asked.azimuth).or(self.azimuth);
-        recipe.azimuth.mode = mode.unwrap_or(recipe.azimuth.mode);
-        let decisions = match self.asked {
-            Some(asked) => Decisions::asked(&recipe, view, asked)?,
-            None => Decisions::of(&recipe, view),
-        };
-        Ok((recipe, decisions))
-    }
-
-    /// The request that bakes a recipe on these terms.
-    #[must_use]
-    pub fn request(&self, recipe: Recipe, effects: EffectSet) -> Request {
-        Request {
+impl PlannedPearl {
+    /// A pearl without a scene, its costs and table not yet known.
+    fn new(recipe: Recipe, from: &str, view: &View, options: &Options) -> Result<Self, PlanError> {
+        let refuse = |why: EffectError| PlanError { place: String::new(), why: why.into() };
+        let (recipe, decisions) = options.decide(recipe, view).map_err(refuse)?;
+        Ok(Self {
+            id: recipe.name.clone(),
+            place: from.to_owned(),
+            shapes: Vec::new(),
             recipe,
-            effects,
-            listed: self.asked.is_some_and(|asked| asked.set.is_some()),
-            incident_deg: self.incident_deg.clone(),
-            target: self.target,
-            seed: self.seed,
-            event_cap: self.event_cap,
-            precision: self.precision,
-        }
-    }
-}
-
-/// Who solves a request: the one chosen; `Auto` decided; without a choice the walk, or doubling where nothing is walked
-/// (one reflection needs no walk, but path counts and times are walked).
-///
-/// # Errors
-/// A bad request.
-pub fn solver(
-    request: &Request,
-    bands: &Bands,
-    choice: Option<SolverChoice>,
-) -> Result<SolverChoice, BakeError> {
-    match choice {
-        Some(SolverChoice::Auto) if request.effects.has_lobe() => Ok(bake::choose_solver(request, bands)?.0),
-        Some(SolverChoice::Walk) => Ok(SolverChoice::Walk),
-        Some(SolverChoice::Doubling) => Ok(SolverChoice::Doubling),
-        _ if !request.effects.contains(Effect::Blur)
-            && matches!(request.target, Target::AccuracyPercent(_)) =>
-        {
-            Ok(SolverChoice::Doubling)
-        }
-        _ => Ok(SolverChoice::Walk),
+            recipe_from: from.to_owned(),
+            view: view.clone(),
+            decisions,
+            costs: [Cost::default(); 12],
+            table: None,
+        })
     }
 }
 
@@ -354,7 +275,7 @@ fn lobe_cost(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<C
     let forecast = bake::forecast(request, bands, solver, &Observer::idle())?;
     let cells = forecast.cells as f64;
     let each = if solver == SolverChoice::Doubling { DOUBLING_CELL_BYTES } else { WALK_CELL_BYTES };
-    let bytes = INCIDENCE_BYTES * request.incident_deg.len() as u64 + (cells * each) as u64;
+    let bytes = INCIDENCE_BYTES * request.options.incident_deg.len() as u64 + (cells * each) as u64;
     let rows = row_seconds(request.geometry()) * forecast.rows as f64;
     Ok(Cost { seconds: forecast.seconds + rows, bytes })
 }

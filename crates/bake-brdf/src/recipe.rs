@@ -156,7 +156,7 @@ fn normals_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Azimuth {
-    /// `decay`: the paper's postulate on the plane walk; `walk`: the space walk.
+    /// `decay`: the paper's postulate on the plane walk; `space`: transport in space.
     pub mode: AzimuthMode,
     /// Width w of the decay, degrees; null: the standard deviation of the plane lobe at each θi.
     pub width_deg: Option<f64>,
@@ -171,6 +171,27 @@ pub enum AzimuthMode {
     Decay,
     /// Transport in space: no postulate.
     Space,
+}
+
+impl AzimuthMode {
+    /// The mode of a name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        match name {
+            "decay" => Some(Self::Decay),
+            "space" => Some(Self::Space),
+            _ => None,
+        }
+    }
+}
+
+impl Azimuth {
+    /// w of the decay postulate, degrees: the recipe's, or the standard deviation of the plane lobe at this θi.
+    pub(crate) fn decay_width_deg(self, sd_theta_o_deg: f64) -> f64 {
+        // A lobe without spread (σ = 0, or no light at all) still needs a width to divide by.
+        const NARROWEST_DEG: f64 = 1e-4;
+        self.width_deg.unwrap_or(sd_theta_o_deg).max(NARROWEST_DEG)
+    }
 }
 
 /// The artist's controls (stored with the table; they do not change the walk).

@@ -456,6 +456,8 @@ pub(crate) fn incoherent_reflectance(transport: &Transport, theta: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bake::{self, Observer, Request};
+    use crate::options::{Options, Target};
 
     const BOTH: Wanted = Wanted {
         coherent: Want::Required,
@@ -541,19 +543,15 @@ mod tests {
         for extra in [vec![], vec![Effect::Polarisation], vec![Effect::CoherentSheets, Effect::Polarisation]]
         {
             let set: EffectSet = effects.into_iter().chain(extra).collect();
-            let request = crate::bake::Request {
-                recipe: smooth.clone(),
-                effects: set,
-                listed: false,
+            let options = Options {
                 incident_deg: vec![60.0],
-                target: crate::bake::Target::Paths(200_000),
+                target: Target::Paths(200_000),
                 seed: 2,
                 event_cap: 1_000_000,
-                precision: transport::walk::lanes::Precision::Auto,
+                ..Options::default()
             };
-            let table =
-                crate::bake::walk(&request, &request.bands().unwrap(), &crate::bake::Observer::idle(), None)
-                    .unwrap();
+            let request = Request { recipe: smooth.clone(), effects: set, options };
+            let table = bake::walk(&request, &request.bands().unwrap(), &Observer::idle(), None).unwrap();
             let walk = walked(&smooth, Wanted::by_effects(set, false), smooth.wavelength()).unwrap();
             let expected = incoherent_reflectance(&walk, 60_f64.to_radians());
             // Five standard errors of 200,000 paths.

@@ -1,9 +1,10 @@
 //! What accuracy costs in time: both solvers at many settings against the finest doubling solution.
 
-use crate::bake::assemble::cell_shares;
+use crate::bake::cells::cell_shares;
 use crate::bake::sampling::{Sampling, Shard};
-use crate::bake::{BakeError, Bands, Observer, Request, Target, exit_axis};
+use crate::bake::{BakeError, Bands, Observer, Request, exit_axis};
 use crate::effects::{Effect, EffectSet};
+use crate::options::Options;
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::tally::CHUNK;
 use lut_io::axis::ExitAxis;
@@ -36,7 +37,7 @@ pub enum Contender {
 pub struct Point {
     /// Who.
     pub contender: Contender,
-    /// `decay` (plane) or `walk` (space).
+    /// `decay` (plane) or `space`.
     pub azimuth: AzimuthMode,
     /// Paths per incidence (walk), else 0.
     pub paths: u64,
@@ -112,14 +113,15 @@ fn path_counts(azimuth: AzimuthMode, precision: Precision) -> &'static [u64] {
     }
 }
 
-/// Runs the study on the threads in use; `say` is told what runs next.
+/// Runs the study on the threads in use; `say` is told what runs next. Of the options it takes the incidences and the event cap:
+/// geometries, solvers, targets, seeds and precisions are what it compares.
 ///
 /// # Errors
 /// A recipe that doubling cannot solve finely enough to be the truth.
-pub fn run(recipe: &Recipe, incident_deg: &[f64], say: &dyn Fn(&str)) -> Result<Study, BakeError> {
+pub fn run(recipe: &Recipe, options: &Options, say: &dyn Fn(&str)) -> Result<Study, BakeError> {
     let mut points = Vec::new();
     for azimuth in [AzimuthMode::Decay, AzimuthMode::Space] {
-        let bench = Bench::new(recipe, incident_deg, azimuth, say)?;
+        let bench = Bench::new(recipe, options, azimuth, say)?;
         for target in DOUBLING_TARGETS {
             say(&format!("{azimuth:?}: doubling for {target:.0e}"));
             points.push(bench.doubling(target)?);
@@ -138,9 +140,9 @@ pub fn run(recipe: &Recipe, incident_deg: &[f64], say: &dyn Fn(&str)) -> Result<
         schema: "pearl-study/1",
         recipe: recipe.to_json(),
         threads: rayon::current_num_threads(),
-        incident_deg: incident_deg.to_vec(),
+        incident_deg: options.incident_deg.clone(),
         slopes: slopes(&points),
-        effects: effects(recipe)?,
+        effects: effects(recipe, options)?,
         points,
     })
 }
@@ -155,18 +157,19 @@ struct Bench {
 impl Bench {
     fn new(
         recipe: &Recipe,
-        incident_deg: &[f64],
+        options: &Options,
         azimuth: AzimuthMode,
         say: &dyn Fn(&str),
     ) -> Result<Self, BakeError> {
-        let request = request(recipe, incident_deg, azimuth);
-        request.check()?;
+        let request = request(recipe, options, azimuth);
+        request.options.check()?;
         let transport = request.transport()?;
         let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
         say(&format!("{azimuth:?}: truth"));
         let solution = doubling::solve_to(&transport, request.geometry(), &request.theta_i(), TRUTH, false)
             .map_err(|why| BakeError::Input(format!("study: no truth to compare with: {why}")))?;
-        let truth = (0..incident_deg.len()).map(|i| reflected(cell_shares(&axis, &solution, i))).collect();
+        let truth =
+            (0..options.incident_deg.len()).map(|i| reflected(cell_shares(&axis, &solution, i))).collect();
         Ok(Self { request, axis, truth })
     }
 
@@ -203,7 +206,9 @@ impl Bench {
         let (mut seconds, mut worst, mut mean, mut bytes) = (Vec::new(), 0.0, 0.0, 0.0);
         let repeats = if paths > 16 * CHUNK { LONG_REPEATS } else { REPEATS };
         for repeat in 0..repeats {
-            let request = Request { precision, seed: 1 + repeat as u64, ..self.request.clone() };
+            let mut request = self.request.clone();
+            request.options.precision = precision;
+            request.options.seed = 1 + repeat as u64;
             let started = Instant::now();
             let sampling = walk(&request, paths)?;
             seconds.push(started.elapsed().as_secs_f64());
@@ -242,17 +247,13 @@ impl Bench {
 
 /// The recipe's effects without interference colours, which cost the same with every solver.
 fn lobe_effects(recipe: &Recipe) -> EffectSet {
-    crate::bake::effects_of(recipe).without(Effect::Coherent).without(Effect::Emission)
+    EffectSet::by_look(recipe).without(Effect::Coherent).without(Effect::Emission)
 }
 
-fn request(recipe: &Recipe, incident_deg: &[f64], azimuth: AzimuthMode) -> Request {
+fn request(recipe: &Recipe, options: &Options, azimuth: AzimuthMode) -> Request {
     let mut recipe = recipe.clone();
     recipe.azimuth.mode = azimuth;
-    Request {
-        effects: lobe_effects(&recipe),
-        incident_deg: incident_deg.to_vec(),
-        ..Request::new(recipe, Target::AccuracyPercent(1.0))
-    }
+    Request { effects: lobe_effects(&recipe), recipe, options: options.clone() }
 }
 
 fn walk(request: &Request, paths: u64) -> Result<Sampling, BakeError> {
@@ -315,8 +316,9 @@ fn least_squares(points: &[(f64, f64)]) -> (f64, f64) {
 }
 
 /// Nanoseconds a crossing with and without each effect, in turn.
-fn effects(recipe: &Recipe) -> Result<Vec<EffectCost>, BakeError> {
-    let base = request(recipe, &[30.0], AzimuthMode::Decay);
+fn effects(recipe: &Recipe, options: &Options) -> Result<Vec<EffectCost>, BakeError> {
+    let options = Options { incident_deg: vec![30.0], ..options.clone() };
+    let base = request(recipe, &options, AzimuthMode::Decay);
     let mut absorbing = base.clone();
     absorbing.recipe.stack.aragonite.k += 1e-5;
     if let Some(layers) = &mut absorbing.recipe.stack.explicit {
@@ -325,8 +327,9 @@ fn effects(recipe: &Recipe) -> Result<Vec<EffectCost>, BakeError> {
     absorbing.effects = lobe_effects(&absorbing.recipe);
     let mut visible = base.clone();
     visible.recipe.facets.normals = transport::Normals::Visible;
-    let space = request(recipe, &[30.0], AzimuthMode::Space);
-    let double = Request { precision: Precision::F64, ..base.clone() };
+    let space = request(recipe, &options, AzimuthMode::Space);
+    let mut double = base.clone();
+    double.options.precision = Precision::F64;
     [
         ("azimuth:space", space),
         ("absorption", absorbing),

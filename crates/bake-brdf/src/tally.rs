@@ -5,7 +5,6 @@
 //! number of threads, order of chunks, resume or shard. Angles come from the `libm` crate, not from the system, whose
 //! last bits differ from machine to machine.
 
-use crate::bake::sampling::MAX_PATHS;
 use lut_io::axis::{ExitAxis, Stretched};
 use lut_io::table::{Component, IncidenceSummary, SummaryErrors};
 use serde::{Deserialize, Serialize};
@@ -14,6 +13,8 @@ use transport::walk::{Exit, Fate};
 
 /// Paths whose sums are rounded together.
 pub const CHUNK: u64 = 4096;
+/// Most paths of a tally: fixed-point sums have room for 1.7·10¹⁰.
+pub const MAX_PATHS: u64 = 10_000_000_000;
 
 /// Weights are summed in units of 2⁻³⁰: exact for weight 1, and room for 1.7·10¹⁰ paths in 64 bits.
 const WEIGHT_ONE: f64 = (1_u64 << 30) as f64;

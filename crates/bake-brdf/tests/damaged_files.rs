@@ -6,9 +6,10 @@ mod readers;
 #[path = "../../lut-io/tests/specimen/mod.rs"]
 mod specimen;
 
+use bake_brdf::bake::Observer;
 use bake_brdf::bake::sampling::Shard;
 use bake_brdf::bake::snapshot::{Snapshot, walk_shard};
-use bake_brdf::bake::{Observer, Target};
+use bake_brdf::options::Target;
 use bake_brdf::recipe::Recipe;
 use lut_io::merl::Merl;
 use lut_io::tensor_file::{self, Field};
@@ -198,7 +199,9 @@ fn small_state(paths: u64) -> Snapshot {
 
 /// A state from which there is still something to walk.
 fn begun(target: Target) -> Snapshot {
-    Snapshot { target, ..small_state(8192) }
+    let mut snapshot = small_state(8192);
+    snapshot.options.target = target;
+    snapshot
 }
 
 fn body(snapshot: &Snapshot) -> Vec<u8> {
@@ -383,12 +386,15 @@ fn made_up(target: &str) -> Vec<Named> {
                         "position-inside-a-chunk",
                         changed(|s| {
                             *s = small_state(3000);
-                            s.target = Target::AccuracyPercent(0.5);
+                            s.options.target = Target::AccuracyPercent(0.5);
                             s.state.targets[0] = 8192;
                         }),
                     ),
-                    ("accuracy-not-a-number", changed(|s| s.target = Target::AccuracyPercent(f64::NAN))),
-                    ("no-time", changed(|s| s.target = Target::Time(Duration::ZERO))),
+                    (
+                        "accuracy-not-a-number",
+                        changed(|s| s.options.target = Target::AccuracyPercent(f64::NAN)),
+                    ),
+                    ("no-time", changed(|s| s.options.target = Target::Time(Duration::ZERO))),
                 ],
             ]
             .concat()
@@ -443,6 +449,6 @@ fn damaged_state(changed: impl Fn(fn(&mut Snapshot)) -> Vec<u8>) -> Vec<Named> {
         ("more-paths-than-walked", changed(|s| s.state.tallies[0].paths += 1)),
         ("paths-without-end", changed(|s| s.state.tallies[0].paths = u64::MAX)),
         ("other-recipe", changed(|s| s.recipe = r#"{"stack":{"layers":0}}"#.to_owned())),
-        ("bad-incidence", changed(|s| s.incident_deg[0] = f64::NAN)),
+        ("bad-incidence", changed(|s| s.options.incident_deg[0] = f64::NAN)),
     ]
 }

@@ -1,8 +1,9 @@
 //! Each effect of the walk against a computation that shares no code with it.
 
 use bake_brdf::bake::sampling::Shard;
-use bake_brdf::bake::{self, Bands, Observer, Request, Sides, Target, snapshot};
-use bake_brdf::effects::{Effect, EffectSet};
+use bake_brdf::bake::{self, Bands, Observer, Request, snapshot};
+use bake_brdf::effects::{Effect, Effects};
+use bake_brdf::options::{Options, Target};
 use bake_brdf::recipe::Recipe;
 use lut_io::exr_file;
 use lut_io::spectra::Spectra;
@@ -10,23 +11,23 @@ use lut_io::table::Table;
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 use thinfilm::{Incidence, Layer, Material, Multilayer, Polarisation, Run};
-use transport::walk::lanes::Precision;
 
 const PATHS: u64 = 200_000;
 const ANGLES_DEG: [f64; 4] = [0.0, 30.0, 60.0, 80.0];
 
 fn walked(text: &str, effects: &[Effect]) -> Table {
-    let request = Request {
-        recipe: Recipe::from_json(text).expect("a valid recipe"),
-        effects: effects.iter().copied().collect::<EffectSet>(),
-        listed: true,
-        incident_deg: ANGLES_DEG.to_vec(),
-        target: Target::Paths(PATHS),
-        seed: 3,
-        event_cap: bake::DEFAULT_EVENT_CAP,
-        precision: Precision::Auto,
-    };
+    let request = request(text, Target::Paths(PATHS), 3, effects);
     bake::walk(&request, &Bands::own(&request.recipe), &Observer::idle(), None).expect("it bakes")
+}
+
+/// A request for exactly these effects.
+fn request(text: &str, target: Target, seed: u64, effects: &[Effect]) -> Request {
+    let recipe = Recipe::from_json(text).expect("a valid recipe");
+    let effects = effects.iter().copied().collect();
+    let incident_deg = ANGLES_DEG.to_vec();
+    let effects_listed = Effects::Listed(effects);
+    let options = Options { effects: effects_listed, incident_deg, target, seed, ..Options::default() };
+    Request { recipe, effects, options }
 }
 
 fn bands_of(request: &Request) -> Bands {
@@ -145,13 +146,7 @@ fn absorption_follows_beer_and_wave_optics() {
 const DISPERSIVE: &str = r#"{"stack":{"layers":30,"aragonite":{"n":{"cauchy":[1.50,0.015]}},"conchiolin":{"n":1.43}},"look":{"coherence":0.5}}"#;
 
 fn dispersive(target: Target, effects: &[Effect]) -> Request {
-    let recipe = Recipe::from_json(DISPERSIVE).expect("a valid recipe");
-    Request {
-        effects: effects.iter().copied().collect::<EffectSet>(),
-        incident_deg: ANGLES_DEG.to_vec(),
-        seed: 7,
-        ..Request::new(recipe, target)
-    }
+    request(DISPERSIVE, target, 7, effects)
 }
 
 /// Every further band of a table against a bake of its wavelength alone: the same bits, lobes and statistics.
@@ -206,8 +201,7 @@ fn every_band_of_a_dispersed_walk_is_the_walk_of_that_wavelength() {
 #[test]
 fn every_band_of_a_dispersed_solution_is_the_solution_of_that_wavelength() {
     let request = dispersive(Target::AccuracyPercent(1.0), &DISPERSED);
-    let solve =
-        |request: &Request| bake::doubling(request, &bands_of(request), Sides::Above).expect("it solves");
+    let solve = |request: &Request| bake::doubling(request, &bands_of(request)).expect("it solves");
     bands_are_single_bakes(&solve(&request), &request, solve);
 }
 
@@ -237,10 +231,9 @@ fn irregularity_is_the_mean_of_explicit_stacks() {
     let baked = |irregular: bool| {
         let effects = [Effect::Surface, Effect::Blur, Effect::Azimuth, Effect::Coherent];
         let effects = effects.into_iter().chain(irregular.then_some(Effect::Irregularity));
-        let recipe = Recipe::from_json(text).expect("valid");
-        let request =
-            Request { effects: effects.collect(), ..Request::new(recipe, Target::AccuracyPercent(1.0)) };
-        let table = bake::doubling(&request, &bands_of(&request), Sides::Above).expect("a closed form");
+        let effects: Vec<Effect> = effects.collect();
+        let request = request(text, Target::AccuracyPercent(1.0), 1, &effects);
+        let table = bake::doubling(&request, &bands_of(&request)).expect("a closed form");
         let spectra = Spectra::of(&table.meta).expect("valid").expect("colours");
         (spectra.wavelength_nm, spectra.coherent.expect("coherent"))
     };

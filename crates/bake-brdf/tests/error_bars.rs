@@ -5,8 +5,9 @@
 //! from the same count: E z² and Var z² are summed exactly over the binomial distribution of the count. The sum of
 //! z² over seeds and cells, standardised, is normal: a two-sided p-value.
 
-use bake_brdf::bake::{self, Bands, Observer, Request, Sides, Target};
-use bake_brdf::effects::Effect;
+use bake_brdf::bake::{self, Bands, Observer, Request};
+use bake_brdf::effects::{Effect, Effects};
+use bake_brdf::options::{Options, Target};
 use bake_brdf::recipe::Recipe;
 use lut_io::table::Table;
 use statrs::distribution::{Binomial, ContinuousCDF as _, Discrete as _, DiscreteCDF as _, Normal};
@@ -16,13 +17,15 @@ const FEWEST: f64 = 100.0;
 /// Smallest p-value that passes; the seeds are fixed, so that the test gives the same answer every time.
 const SIGNIFICANCE: f64 = 1e-3;
 
-fn request(incident_deg: &[f64], paths: u64, seed: u64) -> Request {
-    Request {
-        effects: [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect(),
+fn request(incident_deg: &[f64], target: Target, seed: u64) -> Request {
+    let options = Options {
+        effects: Effects::Listed([Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect()),
         incident_deg: incident_deg.to_vec(),
+        target,
         seed,
-        ..Request::new(Recipe::default(), Target::Paths(paths))
-    }
+        ..Options::default()
+    };
+    Request::new(Recipe::default(), options).expect("effects that are simulated")
 }
 
 /// What one cell's z² is expected to be, and its variance.
@@ -103,11 +106,10 @@ fn honesty(truth: &Table, bakes: impl Iterator<Item = Table>, paths: u64) -> Hon
 
 #[allow(clippy::print_stdout)] // the figures are the point
 fn judge(incident_deg: &[f64], paths: u64, seeds: u64) {
-    let exact = Request { target: Target::AccuracyPercent(1e-4), ..request(incident_deg, 1, 0) };
-    let truth =
-        bake::doubling(&exact, &Bands::own(&exact.recipe), Sides::Above).expect("the doubling solution");
+    let exact = request(incident_deg, Target::AccuracyPercent(1e-4), 0);
+    let truth = bake::doubling(&exact, &Bands::own(&exact.recipe)).expect("the doubling solution");
     let bakes = (1..=seeds).map(|seed| {
-        let request = request(incident_deg, paths, seed);
+        let request = request(incident_deg, Target::Paths(paths), seed);
         bake::walk(&request, &Bands::own(&request.recipe), &Observer::idle(), None).expect("a bake")
     });
     let found = honesty(&truth, bakes, paths);

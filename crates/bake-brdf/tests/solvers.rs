@@ -72,7 +72,8 @@ fn total_reflection_by_rough_facets_leaves_no_negative_share() {
 fn both_sides_are_stored_whole() {
     let recipe = r#"{"stack":{"layers":30,"substrate":{"n":1.4}},"facets":{"slope_sd_deg":5}}"#;
     let absorbing = r#"{"stack":{"layers":31,"aragonite":{"k":0.002}},"facets":{"slope_sd_deg":5}}"#;
-    for (recipe, azimuth) in [(recipe, "decay"), (recipe, "walk"), (absorbing, "decay"), (SMOOTH[0], "walk")]
+    for (recipe, azimuth) in
+        [(recipe, "decay"), (recipe, "space"), (absorbing, "decay"), (SMOOTH[0], "space")]
     {
         let args =
             ["--solver", "doubling", "--both-sides", "--azimuth", azimuth, "--incident-deg", "0,40,80"];

@@ -6,8 +6,9 @@
 #[path = "hard_cases/naive.rs"]
 mod naive;
 
-use bake_brdf::bake::{self, Bands, Observer, Request, Sides, Target};
-use bake_brdf::effects::Effect;
+use bake_brdf::bake::{self, Bands, Observer, Request};
+use bake_brdf::effects::{Effect, EffectSet, Effects};
+use bake_brdf::options::{DEFAULT_EVENT_CAP, Options, Target};
 use bake_brdf::recipe::Recipe;
 use bake_brdf::tally::{CHUNK, Cells, Tally};
 use lut_io::axis::ExitAxis;
@@ -246,7 +247,7 @@ fn exits(
     let walker =
         Walker::new(transport, geometry(shape), precision, None).expect("a stack that can be walked");
     let mut exits = vec![Exit { direction: [0.0; 3], weight: 0.0, fate: Fate::Truncated }; paths as usize];
-    walker.run(theta_i, seed, 0..paths, bake::DEFAULT_EVENT_CAP, &mut exits);
+    walker.run(theta_i, seed, 0..paths, DEFAULT_EVENT_CAP, &mut exits);
     exits
 }
 
@@ -451,17 +452,20 @@ fn sum(weight: f64, doublings: u32) -> Found {
     Found::absolute(f64::from(weight as f32), naive, tally.summary(0.0).albedo)
 }
 
-fn paper(incident_deg: &[f64]) -> Request {
-    Request {
-        effects: [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect(),
-        incident_deg: incident_deg.to_vec(),
-        ..Request::new(Recipe::default(), Target::AccuracyPercent(0.01))
-    }
+fn paper(incident_deg: &[f64], target: Target) -> Request {
+    let effects = [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect();
+    request(Recipe::default(), effects, incident_deg, target)
+}
+
+fn request(recipe: Recipe, effects: EffectSet, incident_deg: &[f64], target: Target) -> Request {
+    let incident_deg = incident_deg.to_vec();
+    let options = Options { effects: Effects::Listed(effects), incident_deg, target, ..Options::default() };
+    Request { recipe, effects, options }
 }
 
 fn solution(incident_deg: &[f64]) -> Table {
-    let request = paper(incident_deg);
-    bake::doubling(&request, &Bands::own(&request.recipe), Sides::Above).expect("the paper's pearl")
+    let request = paper(incident_deg, Target::AccuracyPercent(0.01));
+    bake::doubling(&request, &Bands::own(&request.recipe)).expect("the paper's pearl")
 }
 
 /// The paper's pearl at every 5°.
@@ -482,7 +486,7 @@ fn bsdf() -> &'static PearlBsdf {
 /// Worst relative difference between Σ value·weight and the ledger over the stored rows.
 fn storage() -> Found {
     // A walk: its shares are whole numbers of paths.
-    let request = Request { target: Target::Paths(20_000), ..paper(&[10.0, 30.0, 60.0, 85.0]) };
+    let request = paper(&[10.0, 30.0, 60.0, 85.0], Target::Paths(20_000));
     let table = bake::walk(&request, &Bands::own(&request.recipe), &Observer::idle(), None).expect("a walk");
     let cells = table.meta.exit_axis.cells();
     let (mut ours, mut naive) = (0.0_f64, 0.0_f64);
@@ -856,17 +860,13 @@ fn tables_of_hard_stacks_keep_what_every_table_keeps() {
     for json in stacks {
         let recipe = Recipe::from_json(json).expect(json);
         let narrow = recipe.facets.slope_sd_deg == 1e-6;
-        let request = |target| Request {
-            effects: [Effect::Surface, Effect::Blur, Effect::Azimuth, Effect::Absorption]
-                .into_iter()
-                .collect(),
-            incident_deg: vec![0.0, 30.0, 80.0, 89.9999],
-            ..Request::new(recipe.clone(), target)
-        };
+        let effects = [Effect::Surface, Effect::Blur, Effect::Azimuth, Effect::Absorption];
+        let effects: EffectSet = effects.into_iter().collect();
+        let request = |target| request(recipe.clone(), effects, &[0.0, 30.0, 80.0, 89.9999], target);
         let bands = Bands::own(&recipe);
         let walked =
             bake::walk(&request(Target::Paths(20_000)), &bands, &Observer::idle(), None).expect(json);
-        let doubled = bake::doubling(&request(Target::AccuracyPercent(1.0)), &bands, Sides::Above);
+        let doubled = bake::doubling(&request(Target::AccuracyPercent(1.0)), &bands);
         if let Err(why) = &doubled {
             let line = why.to_string();
             assert!(narrow && line.lines().count() == 1 && line.contains("use the walk"), "{json}: {line}");

@@ -1,11 +1,12 @@
 //! From a solver's answer to a table: shares of light per cell become f·cos θo per steradian.
 
+use super::cells::cell_shares;
 use super::halfway::{self, Halfway, Row};
-use super::{BakeError, Bands, Lobes, Request, SolverChoice, Target, content_hash};
+use super::{BakeError, Bands, Lobes, Request};
 use crate::bake::sampling::Sampling;
+use crate::options::{SolverChoice, Target};
 use crate::tally::CellShares;
-use faer::Mat;
-use lut_io::axis::{ExitAxis, Stretched};
+use lut_io::axis::ExitAxis;
 use lut_io::measure;
 use lut_io::table::{
     Accuracy, AzimuthMode, Component, IncidenceSummary, Lobe, Meta, SCHEMA, Solver, SummaryErrors,
@@ -52,7 +53,7 @@ fn walk_table(
 ) -> Table {
     let tallies = sampling.band_tallies(band);
     let incidences =
-        tallies.iter().zip(&request.incident_deg).enumerate().map(|(i, (tally, &theta_i_deg))| {
+        tallies.iter().zip(&request.options.incident_deg).enumerate().map(|(i, (tally, &theta_i_deg))| {
             let spread = sampling.spread(band * tallies.len() + i);
             Incidence {
                 summary: IncidenceSummary {
@@ -67,10 +68,10 @@ fn walk_table(
     let mut settings = settings([
         ("estimator", "analog".into()),
         ("precision", sampling.precision().into()),
-        ("event_cap", request.event_cap.into()),
+        ("event_cap", request.options.event_cap.into()),
         ("crossings", crossings.into()),
     ]);
-    if let Target::Time(budget) = request.target {
+    if let Target::Time(budget) = request.options.target {
         settings.insert("time_budget_seconds".to_owned(), budget.as_secs_f64().into());
     }
     let halfway = |rows: &[Row]| {
@@ -95,11 +96,11 @@ pub(super) fn doubling_table(
     solution: &Solution,
     intervals: &[usize],
 ) -> Table {
-    let stored = request.incident_deg.len();
+    let stored = request.options.incident_deg.len();
     let incidences: Vec<Incidence> = (0..stored)
         .into_par_iter()
         .map(|i| {
-            let summary = doubling_summary(solution, i, request.incident_deg[i]);
+            let summary = doubling_summary(solution, i, request.options.incident_deg[i]);
             // The estimate is a total variation: spread over the cells in proportion to their light.
             let relative = 2.0 * summary.accuracy_percent / 100.0;
             let components = cell_shares(axis, solution, i).map(|share| CellShares {
@@ -134,7 +135,7 @@ pub(super) fn settings<const N: usize>(
 
 /// The table of a pearl that shows no lobe.
 pub(super) fn lobeless_table(request: &Request, transport: &Transport, axis: &ExitAxis) -> Table {
-    let incidences = request.incident_deg.iter().map(|&theta_i_deg| Incidence {
+    let incidences = request.options.incident_deg.iter().map(|&theta_i_deg| Incidence {
         summary: IncidenceSummary { theta_i_deg, transmitted: 1.0, ..IncidenceSummary::default() },
         components: Component::ALL.map(|_| CellShares {
             share: vec![0.0; axis.cells()],
@@ -200,99 +201,6 @@ pub(super) fn summary(
     }
 }
 
-/// A Gauss rule over the cells around one lobe, three points a cell on the columns and two on φ, where lobes are
-/// smoother.
-pub(super) struct CellRule {
-    pub(super) angles: Vec<f64>,
-    pub(super) azimuths: Vec<f64>,
-    weights: Vec<f64>,
-    azimuth_weights: Vec<f64>,
-    columns: usize,
-    rows: usize,
-}
-
-impl CellRule {
-    /// The rule over the cells of a row whose lobe is centred at `specular` (radians).
-    pub(super) fn new(axis: &ExitAxis, specular: f64) -> Self {
-        let columns = axis.columns_at(specular);
-        let (angles, mut weights) = gauss(&columns, &GAUSS_3);
-        let (azimuths, azimuth_weights) = match &axis.phi_at(specular) {
-            None => (vec![0.0], vec![1.0]),
-            Some(phi) => {
-                for (weight, angle) in weights.iter_mut().zip(&angles) {
-                    *weight *= angle.sin();
-                }
-                // Both mirror halves.
-                let (azimuths, weights) = gauss(phi, &GAUSS_2);
-                (azimuths, weights.iter().map(|w| 2.0 * w).collect())
-            }
-        };
-        let rows = axis.rows_per_incidence();
-        Self { angles, azimuths, weights, azimuth_weights, columns: columns.cells, rows }
-    }
-
-    /// Integral of a density (rows angles, columns azimuths) over each cell.
-    pub(super) fn shares(&self, density: &Mat<f64>) -> Vec<f64> {
-        let per_column = self.angles.len() / self.columns;
-        let per_row = self.azimuths.len() / self.rows;
-        let mut shares = Vec::with_capacity(self.rows * self.columns);
-        for row in 0..self.rows {
-            for column in 0..self.columns {
-                let mut share = 0.0;
-                for f in row * per_row..(row + 1) * per_row {
-                    for k in column * per_column..(column + 1) * per_column {
-                        share += self.weights[k] * self.azimuth_weights[f] * density[(k, f)];
-                    }
-                }
-                // Truncated series may dip below zero where there is next to no light.
-                shares.push(share.max(0.0));
-            }
-        }
-        shares
-    }
-}
-
-/// Share of the incident light in each cell, by component, scaled to the share that the solution knows without cells.
-///
-/// The single reflection: at θi = 90° its ridge in φ (2pq for slopes p, q) is narrower than any cell near the horizon, and
-/// the rule within cells misses 3 % of it. The others: where a truncated series dips below zero the dips are cut
-/// off, which leaves 3 % too much of a faint part (the re-hits of σ = 25° at 1 % accuracy).
-pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize) -> [Vec<f64>; 3] {
-    let lobe = &solution.lobes[incidence];
-    let rule = CellRule::new(axis, lobe.theta_i);
-    let basis = solution.basis(&rule.angles, &rule.azimuths);
-    let scaled = |density: &Mat<f64>, known: f64| {
-        let mut shares = rule.shares(density);
-        let integrated: f64 = shares.iter().sum();
-        // Less than rounding has no sign, and no shape.
-        if integrated > 0.0 && known > FAINTEST {
-            shares.iter_mut().for_each(|share| *share *= known / integrated);
-        }
-        shares
-    };
-    let interior = scaled(&solution.interior(incidence, &basis), lobe.albedo - lobe.surface);
-    let rehit = scaled(&solution.rehit(incidence, &basis), lobe.rehit);
-    let single = scaled(&solution.single(incidence, &basis), lobe.surface - lobe.rehit);
-    let surface = single.iter().zip(&rehit).map(|(single, rehit)| single + rehit).collect();
-    [interior, surface, rehit]
-}
-
-/// Share of the incident light below which a part of it is rounding.
-const FAINTEST: f64 = 1e-13;
-
-/// Points and weights of a Gauss rule repeated in every cell of an axis.
-fn gauss(axis: &Stretched, rule: &[(f64, f64)]) -> (Vec<f64>, Vec<f64>) {
-    (0..axis.cells)
-        .flat_map(|cell| rule.iter().map(move |&(t, weight)| (cell as f64 + t, weight)))
-        .map(|(position, weight)| (axis.at(position), weight * axis.slope(position)))
-        .unzip()
-}
-
-/// Gauss–Legendre rules on [0, 1].
-const GAUSS_3: [(f64, f64); 3] =
-    [(0.112_701_665_379_258_31, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
-const GAUSS_2: [(f64, f64); 2] = [(0.211_324_865_405_187_1, 0.5), (0.788_675_134_594_812_9, 0.5)];
-
 /// The table and its error half-way between incidences, which `halfway` knows or finds from the table's rows.
 pub(super) fn table(
     request: &Request,
@@ -307,8 +215,7 @@ pub(super) fn table(
     for incidence in &mut incidences {
         let summary = &mut incidence.summary;
         if matches!(axis, ExitAxis::Plane { .. }) {
-            summary.azimuth_width_deg =
-                azimuth_width_deg(request.recipe.azimuth.width_deg, summary.sd_theta_o_deg);
+            summary.azimuth_width_deg = request.recipe.azimuth.decay_width_deg(summary.sd_theta_o_deg);
         }
         let theta_i = summary.theta_i_deg.to_radians();
         let extents = measure::cell_extents(axis, theta_i);
@@ -327,7 +234,7 @@ pub(super) fn table(
     let summaries: Vec<IncidenceSummary> =
         incidences.into_iter().map(|incidence| incidence.summary).collect();
     let halfway = halfway(&rows);
-    let accuracy = accuracy(request.target, halfway, &summaries);
+    let accuracy = accuracy(request.options.target, halfway, &summaries);
     let (solver, mut settings) = solver;
     settings.insert("interpolation".to_owned(), serde_json::json!(halfway.by));
     let solver = (solver, settings.into());
@@ -358,7 +265,7 @@ fn meta(
         schema: SCHEMA.to_owned(),
         writer: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned(),
         recipe: request.recipe.to_json(),
-        seed: request.seed,
+        seed: request.options.seed,
         solver,
         solver_settings,
         azimuth: match axis {
@@ -380,17 +287,10 @@ fn meta(
         // Set when the colours are in.
         effects: Vec::new(),
         per_incidence,
-        extra: [("content_hash".to_owned(), serde_json::Value::String(content_hash(request, by)))]
+        extra: [("content_hash".to_owned(), serde_json::Value::String(request.content_hash(by)))]
             .into_iter()
             .collect(),
     }
-}
-
-/// w of the decay postulate: the recipe's, or the standard deviation of the plane lobe at this θi.
-pub(super) fn azimuth_width_deg(fixed: Option<f64>, sd_theta_o_deg: f64) -> f64 {
-    // A lobe without spread (σ = 0, or no light at all) still needs a width to divide by.
-    const NARROWEST_DEG: f64 = 1e-4;
-    fixed.unwrap_or(sd_theta_o_deg).max(NARROWEST_DEG)
 }
 
 /// Stored values, errors and counts of one component at one incidence.
@@ -436,24 +336,5 @@ fn accuracy(target: Target, halfway: Halfway, summaries: &[IncidenceSummary]) ->
         reached_percent: worst.map_or(0.0, |summary| summary.accuracy_percent),
         worst_theta_i_deg: worst.map_or(0.0, |summary| summary.theta_i_deg),
         interpolation_percent: 100.0 * halfway.share,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::f64::consts::FRAC_PI_2;
-
-    #[test]
-    fn the_gauss_rules_integrate_cells() {
-        let axis = ExitAxis::Plane { cells: 128, width: 0.07 }.columns_at(0.6);
-        for rule in [&GAUSS_2[..], &GAUSS_3] {
-            let (points, weights) = gauss(&axis, rule);
-            let length: f64 = weights.iter().sum();
-            let integral: f64 = points.iter().zip(&weights).map(|(s, w)| w * s.cos()).sum();
-            // Two points a cell leave 1e-8 on a cosine.
-            assert!((length / std::f64::consts::PI - 1.0).abs() < 1e-6 && (integral - 2.0).abs() < 1e-6);
-        }
-        assert_eq!(axis.hi, FRAC_PI_2);
     }
 }

@@ -6,8 +6,10 @@
 //! sheets, facets too smooth for its grid, too many different layers) it is the reflectance of the smooth stack. Only the choice
 //! of bands rests on it: every band is then solved as a bake of that wavelength alone would be.
 
-use super::{BakeError, COARSEST_DOUBLING, Request, Target, assemble, exit_axis};
+use super::cells::cell_shares;
+use super::{BakeError, COARSEST_DOUBLING, Request, exit_axis};
 use crate::effects::Effect;
+use crate::options::{DEFAULT_ACCURACY_PERCENT, Target};
 use crate::recipe::Recipe;
 use crate::spectra;
 use rayon::prelude::*;
@@ -19,8 +21,6 @@ use transport::{Geometry, Light, Transport};
 const STEP_NM: f64 = 20.0;
 /// Incidences looked at, degrees.
 const ANGLES_DEG: [f64; 4] = [0.0, 30.0, 60.0, 80.0];
-/// Accuracy by which bands are chosen where paths or a time are asked for: the default of a bake.
-const DEFAULT_SHARE: f64 = 0.01;
 /// The cheap solution is this much more accurate than what it decides, within bounds.
 const FINER: f64 = 0.25;
 const CHEAP_SHARES: [f64; 2] = [1e-4, 5e-3];
@@ -95,13 +95,11 @@ impl Request {
     /// # Errors
     /// A bad request.
     pub fn bands(&self) -> Result<Bands, BakeError> {
-        self.check()?;
+        self.options.check()?;
         if !self.is_dispersed() {
             return Ok(Bands::own(&self.recipe));
         }
-        #[cfg(test)]
-        record::chosen(&self.recipe.name);
-        let share = chosen_to(self.target);
+        let share = chosen_to(self.options.target);
         let settings = cheap_settings(&self.transport()?, share);
         match chosen(self, share, settings.as_ref()) {
             Err(BakeError::Doubling(_)) => chosen(self, share, None),
@@ -113,21 +111,13 @@ impl Request {
     fn is_dispersed(&self) -> bool {
         self.effects.contains(Effect::Dispersion) && self.effects.has_lobe()
     }
-
-    /// The same request at a wavelength, nm.
-    #[must_use]
-    pub fn at_wavelength(&self, nm: f64) -> Self {
-        let mut request = self.clone();
-        request.recipe.light.wavelength_nm = nm;
-        request
-    }
 }
 
-/// Accuracy by which bands are chosen, a share.
+/// Accuracy by which bands are chosen, a share: that of a bake without a target where paths or a time are the target.
 const fn chosen_to(target: Target) -> f64 {
     match target {
         Target::AccuracyPercent(percent) => percent / 100.0,
-        Target::Paths(_) | Target::Time(_) => DEFAULT_SHARE,
+        Target::Paths(_) | Target::Time(_) => DEFAULT_ACCURACY_PERCENT / 100.0,
     }
 }
 
@@ -137,7 +127,7 @@ pub(super) fn seconds_to_choose(request: &Request) -> Result<f64, BakeError> {
         return Ok(0.0);
     }
     let transport = request.transport()?;
-    let each = match cheap_settings(&transport, chosen_to(request.target)) {
+    let each = match cheap_settings(&transport, chosen_to(request.options.target)) {
         Some(settings) => {
             SOLVED_SECONDS + settings.cost(&transport, Geometry::Plane, ANGLES_DEG.len()).seconds
         }
@@ -212,7 +202,7 @@ fn lobes(request: &Request, settings: Option<&Settings>) -> Result<Lobes, BakeEr
     let solution = doubling::solve(&transport, Geometry::Plane, &angles(), settings)?;
     let axis = exit_axis(Geometry::Plane, transport.facets.slope_sd);
     let lobe = |incidence: usize| {
-        let [interior, surface, _] = assemble::cell_shares(&axis, &solution, incidence);
+        let [interior, surface, _] = cell_shares(&axis, &solution, incidence);
         interior.iter().zip(&surface).map(|(a, b)| a + b).collect()
     };
     Ok((0..ANGLES_DEG.len()).map(lobe).collect())
@@ -264,42 +254,23 @@ fn missed(a: &Lobes, b: &Lobes, t: f64, lobe: &Lobes) -> f64 {
     incidences.fold(0.0, f64::max)
 }
 
-/// How often bands were chosen, by the recipe's name, so that tests beside one another do not count each other's.
-#[cfg(test)]
-pub(crate) mod record {
-    use std::sync::{Mutex, PoisonError};
-
-    static NAMES: Mutex<Vec<String>> = Mutex::new(Vec::new());
-
-    pub(super) fn chosen(name: &str) {
-        NAMES.lock().unwrap_or_else(PoisonError::into_inner).push(name.to_owned());
-    }
-
-    /// Times that bands of this recipe were chosen since the last call.
-    pub(crate) fn take(name: &str) -> usize {
-        let mut names = NAMES.lock().unwrap_or_else(PoisonError::into_inner);
-        let before = names.len();
-        names.retain(|other| other != name);
-        before - names.len()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bake::sampling::Shard;
-    use crate::bake::{self, Observer, Sides, SolverChoice, snapshot};
-    use crate::effects::{Asked, EffectSet};
-    use crate::plan::{Plan, Terms};
+    use crate::bake::effort;
+    use crate::effects::Effects;
+    use crate::options::Options;
     use crate::recipe::AzimuthMode;
-    use crate::scene::Scene;
-    use transport::walk::lanes::Precision;
 
     fn request(text: &str, percent: f64) -> Request {
-        let request = Request::new(Recipe::from_json(text).unwrap(), Target::AccuracyPercent(percent));
         let effects =
             [Effect::Surface, Effect::Blur, Effect::Azimuth, Effect::Absorption, Effect::Dispersion];
-        Request { effects: effects.into_iter().collect::<EffectSet>(), ..request }
+        let options = Options {
+            effects: Effects::Listed(effects.into_iter().collect()),
+            target: Target::AccuracyPercent(percent),
+            ..Options::default()
+        };
+        Request::new(Recipe::from_json(text).unwrap(), options).unwrap()
     }
 
     const GLASSY: &str = r#"{"stack":{"layers":40,"aragonite":{"n":{"cauchy":[1.52,0.02]}},"conchiolin":{"n":{"cauchy":[1.43,0.002]}}}}"#;
@@ -316,7 +287,7 @@ mod tests {
         let dispersed = request(GLASSY, 1.0);
         assert!(!dispersed.bands().unwrap().further_nm.is_empty());
         let own = Request { effects: dispersed.effects.without(Effect::Dispersion), ..dispersed.clone() };
-        let effort = |request: &Request| bake::sampling::scout(request, 0.01, 16, |_| false).unwrap();
+        let effort = |request: &Request| effort::scout(request, 0.01, 16, |_| false).unwrap();
         assert_eq!(effort(&dispersed), effort(&own));
     }
 
@@ -367,93 +338,10 @@ mod tests {
     }
 
     #[test]
-    fn bands_are_chosen_once_whatever_is_done_at_them() {
-        const NAME: &str = "chosen once";
-        let mut request = request(GLASSY, 5.0);
-        request.recipe.name = NAME.to_owned();
-        request.incident_deg = vec![0.0, 60.0];
-        assert_eq!(record::take(NAME), 0);
-        let bands = request.bands().unwrap();
-        assert!(!bands.further_nm.is_empty());
-        let few = Request { target: Target::Paths(2000), ..request.clone() };
-        let bands_of_few = few.bands().unwrap();
-        assert_eq!(record::take(NAME), 2);
-
-        bake::choose_solver(&request, &bands).unwrap();
-        for solver in [SolverChoice::Walk, SolverChoice::Doubling] {
-            bake::forecast(&request, &bands, solver, &Observer::idle()).unwrap();
-        }
-        let solved = bake::doubling(&request, &bands, Sides::Above).unwrap();
-        let walked = bake::walk(&few, &bands_of_few, &Observer::idle(), None).unwrap();
-        assert_eq!(record::take(NAME), 0, "solved and walked");
-
-        for table in [&solved, &walked] {
-            bake::reproduce::bake_again(&table.meta, &Observer::idle()).unwrap();
-            assert_eq!(record::take(NAME), 1, "baked again");
-        }
-        // One band suffices: what a reciprocal table needs.
-        let coarse = Request { target: Target::AccuracyPercent(100.0), ..request.clone() };
-        let bands = coarse.bands().unwrap();
-        assert!(bands.further_nm.is_empty());
-        bake::can_be_reciprocal(&bands).unwrap();
-        bake::reciprocal(&bake::doubling(&coarse, &bands, Sides::Above).unwrap()).unwrap();
-        assert_eq!(record::take(NAME), 1, "reciprocal");
-
-        let shard = |index| {
-            let walked = snapshot::walk_shard(&few, Shard { index, count: 2 }, &Observer::idle()).unwrap();
-            assert_eq!(record::take(NAME), 1, "a shard");
-            (index.to_string(), walked)
-        };
-        assert_eq!(snapshot::merge(&[shard(1), shard(2)]).unwrap(), walked);
-        assert_eq!(record::take(NAME), 1, "merged");
-    }
-
-    const SCENE: &str = r#"<scene version="3.0.0">
-    <bsdf type="pearl" id="a"><string name="recipe" value="pearl.json"/></bsdf>
-    <bsdf type="pearl" id="b"><string name="recipe" value="pearl.json"/><float name="depth" value="0"/></bsdf>
-    <shape type="sphere"><ref id="a"/></shape>
-    <shape type="sphere"><ref id="b"/></shape>
-</scene>"#;
-
-    #[test]
-    fn a_plan_chooses_bands_once_and_once_more_without_absorption() {
-        let terms = |effects: &str| Terms {
-            incident_deg: vec![0.0, 60.0],
-            target: Target::AccuracyPercent(10.0),
-            seed: 1,
-            event_cap: bake::DEFAULT_EVENT_CAP,
-            precision: Precision::Auto,
-            solver: Some(SolverChoice::Auto),
-            azimuth: None,
-            asked: Some(Asked::parse(effects).unwrap()),
-        };
-        let clear = "surface,blur,azimuth:space,dispersion";
-        let absorbing = "surface,blur,azimuth:space,dispersion,absorption";
-        let cases = [("clear plan", clear, 1), ("absorbing plan", absorbing, 2)];
-        for (name, effects, times) in cases {
-            let named = GLASSY.replacen('{', &format!("{{\"name\":\"{name}\","), 1);
-            let named = named.replace("\"aragonite\":{", "\"aragonite\":{\"k\":0.0001,");
-            let folder = tempfile::tempdir().unwrap();
-            std::fs::write(folder.path().join("pearl.json"), &named).unwrap();
-            let scene = folder.path().join("scene.xml");
-            std::fs::write(&scene, SCENE).unwrap();
-
-            let recipe = Recipe::from_json(&named).unwrap();
-            let of_recipe = Plan::of_recipe(recipe, "pearl.json", &terms(effects)).unwrap();
-            assert_eq!(record::take(name), times, "{name}");
-            let scene = Scene::read(&scene, None).unwrap();
-            let of_scene = Plan::of_scene(&scene, &terms(effects)).unwrap();
-            assert_eq!(record::take(name), times, "{name}: a scene of two pearls");
-            assert_eq!(of_scene.tables.len(), 1);
-
-            // In the plane they would be the same bands.
-            for table in [&of_recipe.tables[0], &of_scene.tables[0]] {
-                let mut plane = table.request.clone();
-                plane.recipe.azimuth.mode = AzimuthMode::Decay;
-                assert_eq!(table.request.geometry(), Geometry::Space);
-                assert_eq!(plane.bands().unwrap(), table.bands);
-            }
-            record::take(name);
-        }
+    fn bands_are_the_same_in_the_plane_and_in_space() {
+        let plane = request(GLASSY, 5.0);
+        let mut space = plane.clone();
+        space.recipe.azimuth.mode = AzimuthMode::Space;
+        assert_eq!(plane.bands().unwrap(), space.bands().unwrap());
     }
 }

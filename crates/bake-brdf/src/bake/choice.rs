@@ -1,4 +1,4 @@
-//! `--solver auto`: the cheaper solver, by counting operations.
+//! [`SolverChoice::Auto`]: the cheaper solver, by counting operations.
 //!
 //! Nothing is timed. What doubling does is counted by [`Settings::cost`], what the walk does by the crossings and
 //! paths that a few scouts find it needs; both are priced in seconds of the same core. So the choice, and with it the bytes
@@ -7,11 +7,11 @@
 //! The prices are fitted to measured bakes, as `cargo run --release -p bake-brdf --example choice -- --fit` does; without `--fit` it
 //! tries the choice on requests that the fit has not seen.
 
+use super::effort::{self, Effort};
 use super::halfway::{self, Auxiliary};
-use super::sampling::Effort;
-use super::{
-    BakeError, Bands, COARSEST_DOUBLING, Request, SolverChoice, Target, exit_axis, sampling, walk_only,
-};
+use super::{BakeError, Bands, COARSEST_DOUBLING, Request, exit_axis, walk_only};
+use crate::effects::Effect;
+use crate::options::{Sides, SolverChoice, Target};
 use lut_io::axis::ExitAxis;
 use transport::doubling::{DoublingError, OPERATIONS, Settings, prices};
 use transport::walk::lanes::Precision;
@@ -101,15 +101,45 @@ fn dot(counts: &[f64], prices: &[f64]) -> f64 {
     counts.iter().zip(prices).map(|(count, price)| count * price).sum()
 }
 
+/// Who solves a request: the one chosen; [`SolverChoice::Auto`] decided; without a choice the walk, or doubling where nothing is
+/// walked (one reflection needs no walk, but path counts and times are walked).
+///
+/// # Errors
+/// A bad request.
+pub fn solver(request: &Request, bands: &Bands) -> Result<SolverChoice, BakeError> {
+    let options = &request.options;
+    match options.solver {
+        Some(SolverChoice::Auto) if options.sides == Sides::Both => Ok(SolverChoice::Doubling),
+        Some(SolverChoice::Auto) if request.effects.has_lobe() => Ok(choose_solver(request, bands)?.0),
+        Some(choice @ (SolverChoice::Walk | SolverChoice::Doubling)) => Ok(choice),
+        _ if request.effects.contains(Effect::Blur) => Ok(SolverChoice::Walk),
+        _ if matches!(options.target, Target::AccuracyPercent(_)) => Ok(SolverChoice::Doubling),
+        _ => Ok(SolverChoice::Walk),
+    }
+}
+
+/// The accuracy, per cent, that a solution by doubling needs.
+///
+/// # Errors
+/// A target of paths or time.
+pub(super) fn accuracy_percent(request: &Request) -> Result<f64, BakeError> {
+    match request.options.target {
+        Target::AccuracyPercent(percent) => Ok(percent),
+        Target::Paths(_) | Target::Time(_) => {
+            let why = "doubling walks no paths; expected an accuracy, not paths or a time budget".to_owned();
+            Err(BakeError::Option { field: "solver", why })
+        }
+    }
+}
+
 /// Which solver is cheaper for a request at bands from [`Request::bands`], and why in one sentence.
 ///
 /// # Errors
 /// A bad request.
 pub fn choose_solver(request: &Request, bands: &Bands) -> Result<(SolverChoice, String), BakeError> {
-    request.check()?;
-    let Target::AccuracyPercent(percent) = request.target else {
-        let reason = "paths or a time budget were asked for, which only the walk has".to_owned();
-        return Ok((SolverChoice::Walk, reason));
+    request.options.check()?;
+    let Target::AccuracyPercent(percent) = request.options.target else {
+        return Ok((SolverChoice::Walk, "only the walk has a number of paths or a time".to_owned()));
     };
     let transport = request.transport()?;
     if let Some(why) = walk_only(&transport) {
@@ -148,18 +178,18 @@ fn walk_against(
     let seconds = |effort| counts_of_walk(request, transport, effort).seconds(geometry);
     let probe = (transport.layers() > SHALLOW).then_some(Some(FEW_SCOUTS));
     for probed in std::iter::once(None).chain(probe) {
-        let least = seconds(sampling::least_effort(request, probed)?);
+        let least = seconds(effort::least_effort(request, probed)?);
         if least >= by_doubling {
             return Ok((least, false));
         }
     }
     let beyond_doubt = |effort| by_doubling > BEYOND_DOUBT * seconds(effort);
-    let few = seconds(sampling::scout(request, accuracy, FEW_SCOUTS, beyond_doubt)?);
+    let few = seconds(effort::scout(request, accuracy, FEW_SCOUTS, beyond_doubt)?);
     let clear = few > CLEAR * by_doubling || by_doubling > CLEAR * few;
-    if clear || request.incident_deg.len() <= FEW_SCOUTS {
+    if clear || request.options.incident_deg.len() <= FEW_SCOUTS {
         return Ok((few, true));
     }
-    Ok((seconds(sampling::scout(request, accuracy, SCOUTS, |_| false)?), true))
+    Ok((seconds(effort::scout(request, accuracy, SCOUTS, |_| false)?), true))
 }
 
 /// What either solver would do for a request that both can answer.
@@ -167,12 +197,10 @@ fn walk_against(
 /// # Errors
 /// A bad request, or one for paths or time.
 pub fn counts(request: &Request) -> Result<Counts, BakeError> {
-    request.check()?;
-    let Target::AccuracyPercent(percent) = request.target else {
-        return Err(BakeError::Input(super::NO_PATHS.to_owned()));
-    };
+    request.options.check()?;
+    let percent = accuracy_percent(request)?;
     let transport = request.transport()?;
-    let effort = sampling::scout(request, percent / 100.0, SCOUTS, |_| false)?;
+    let effort = effort::scout(request, percent / 100.0, SCOUTS, |_| false)?;
     let doubling = counts_of_doubling(request, &transport, percent / 100.0);
     let walk = counts_of_walk(request, &transport, effort);
     Ok(Counts { doubling: doubling.solver, rows: doubling.rows, walk: walk.own, beside_walk: walk.beside })
@@ -193,7 +221,7 @@ fn counts_of_walk(request: &Request, transport: &Transport, effort: Effort) -> W
     let own = [
         crossing_weight(request, transport) * effort.crossings,
         effort.paths,
-        request.incident_deg.len() as f64,
+        request.options.incident_deg.len() as f64,
     ];
     WalkCounts { own, beside }
 }
@@ -273,7 +301,7 @@ fn row_counts(axis: &ExitAxis, settings: &Settings, incidences: usize) -> [f64; 
 /// What the effects make of a crossing.
 fn crossing_weight(request: &Request, transport: &Transport) -> f64 {
     let factor = |on: bool, factor: f64| if on { factor } else { 1.0 };
-    factor(request.precision.resolve(transport) == Precision::F64, DOUBLE_PRECISION)
+    factor(request.options.precision.resolve(transport) == Precision::F64, DOUBLE_PRECISION)
         * factor(transport.facets.normals == Normals::Visible, VISIBLE)
         * factor(transport.absorbs(), ABSORBING)
 }
@@ -282,14 +310,19 @@ fn crossing_weight(request: &Request, transport: &Transport) -> f64 {
 mod tests {
     use super::super::{Observer, forecast};
     use super::*;
-    use crate::effects::Effect;
+    use crate::effects::Effects;
+    use crate::options::Options;
     use crate::recipe::Recipe;
 
     fn request(layers: usize, target: Target) -> Request {
         let text = format!(r#"{{"stack": {{"layers": {layers}}}, "facets": {{"slope_sd_deg": 2}}}}"#);
-        let request = Request::new(Recipe::from_json(&text).unwrap(), target);
-        let effects = [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect();
-        Request { effects, incident_deg: vec![0.0, 20.0, 40.0, 60.0, 80.0], ..request }
+        let options = Options {
+            effects: Effects::Listed([Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect()),
+            incident_deg: vec![0.0, 20.0, 40.0, 60.0, 80.0],
+            target,
+            ..Options::default()
+        };
+        Request::new(Recipe::from_json(&text).unwrap(), options).unwrap()
     }
 
     fn seconds(request: &Request, solver: SolverChoice) -> f64 {
@@ -327,8 +360,8 @@ mod tests {
     #[test]
     fn doubling_takes_longer_for_more_layers_incidences_and_accuracy() {
         let of = |layers, percent, degrees: usize| {
-            let incident_deg = (0..=90).step_by(degrees).map(|angle| angle as f64).collect();
-            let request = Request { incident_deg, ..request(layers, Target::AccuracyPercent(percent)) };
+            let mut request = request(layers, Target::AccuracyPercent(percent));
+            request.options.incident_deg = (0..=90).step_by(degrees).map(|angle| angle as f64).collect();
             seconds(&request, SolverChoice::Doubling)
         };
         let base = of(40, 1.0, 10);

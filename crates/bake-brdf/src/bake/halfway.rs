@@ -3,7 +3,7 @@
 //! Where doubling costs next to nothing beside the bake, it solves the lobe half-way between incidences and the
 //! error is *measured* there. Else it is *estimated* from second differences of the table's own rows.
 
-use super::assemble::{azimuth_width_deg, cell_shares};
+use super::cells::cell_shares;
 use crate::recipe::Recipe;
 use lut_io::axis::ExitAxis;
 use lut_io::measure;
@@ -76,7 +76,7 @@ impl Row {
     /// The row of a doubling solution.
     pub(super) fn solved(recipe: &Recipe, axis: &ExitAxis, solution: &Solution, incidence: usize) -> Self {
         let lobe = &solution.lobes[incidence];
-        let width = azimuth_width_deg(recipe.azimuth.width_deg, lobe.sd.to_degrees()).to_radians();
+        let width = recipe.azimuth.decay_width_deg(lobe.sd.to_degrees()).to_radians();
         let [interior, surface, _] = cell_shares(axis, solution, incidence);
         let extents = measure::cell_extents(axis, lobe.theta_i);
         let weights = measure::reading_weights(axis, lobe.theta_i, width);

@@ -4,11 +4,13 @@
 //! each, so that nothing else is needed. A bake to an accuracy goes through its decisions again; one to a time walks
 //! the paths that the table says it holds.
 
-use super::{BakeError, Observer, Request, Sides, Target, assemble};
-use crate::bake::sampling::{self, Shard};
-use crate::effects::{Effect, EffectSet};
+use super::sampling::Shard;
+use super::{BakeError, Observer, Request, assemble};
+use crate::effects::{Effect, EffectSet, Effects};
+use crate::options::{DEFAULT_EVENT_CAP, Options, Sides, SolverChoice, Target};
 use crate::recipe::Recipe;
 use crate::spectra::MISSING_KEY;
+use crate::tally::MAX_PATHS;
 use lut_io::dispersion::{self, Dispersion};
 use lut_io::table::{Component, IncidenceSummary, Lobe, Meta, Solver, Table};
 use serde::Serialize;
@@ -45,11 +47,11 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
     let event_cap = match meta.solver_settings.get("event_cap").and_then(Value::as_u64).map(u32::try_from) {
         Some(Ok(cap)) => cap,
         _ if walked => return Err(missing("event_cap", "expected a number of events")),
-        _ => super::DEFAULT_EVENT_CAP,
+        _ => DEFAULT_EVENT_CAP,
     };
     for at in meta.per_incidence.iter().filter(|_| walked) {
-        if !(1..=sampling::MAX_PATHS).contains(&at.paths) {
-            return Err(paths_refused(at, &format!("1 to {} in a walked table", sampling::MAX_PATHS)));
+        if !(1..=MAX_PATHS).contains(&at.paths) {
+            return Err(paths_refused(at, &format!("1 to {} in a walked table", MAX_PATHS)));
         }
     }
     let effect = |name: &String| {
@@ -59,20 +61,22 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
     let mut effects = meta.effects.iter().map(effect).collect::<Result<EffectSet, _>>()?;
     if meta.extra.contains_key(MISSING_KEY) {
         // Colours that this stack could not have were asked for by its look.
-        effects = effects.union(super::effects_of(&recipe));
+        effects = effects.union(EffectSet::by_look(&recipe));
     }
-    let request = Request {
-        recipe,
-        effects,
-        listed: false,
+    let both_sides = meta.extra.contains_key(lut_io::both_sides::KEY);
+    let options = Options {
+        effects: Effects::Look,
+        azimuth: None,
         incident_deg: meta.per_incidence.iter().map(|at| at.theta_i_deg).collect(),
         target: target(meta)?,
+        solver: Some(if walked { SolverChoice::Walk } else { SolverChoice::Doubling }),
         seed: meta.seed,
         event_cap,
         precision,
+        sides: if both_sides { Sides::Both } else { Sides::Above },
     };
-    request.check()?;
-    Ok(request)
+    options.check()?;
+    Ok(Request { recipe, effects, options })
 }
 
 fn paths_refused(at: &IncidenceSummary, right: &str) -> BakeError {
@@ -116,10 +120,9 @@ fn bake_as_walked(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeErr
     let request = request(meta)?;
     let bands = request.bands()?;
     if meta.solver == Solver::Doubling {
-        let sides = if meta.extra.contains_key(lut_io::both_sides::KEY) { Sides::Both } else { Sides::Above };
-        return super::doubling(&request, &bands, sides);
+        return super::doubling(&request, &bands);
     }
-    if !matches!(request.target, Target::Time(_)) {
+    if !matches!(request.options.target, Target::Time(_)) {
         return super::walk(&request, &bands, observer, None);
     }
     // A time gives other path counts every time: those of the table are walked.
@@ -127,7 +130,7 @@ fn bake_as_walked(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeErr
     let further = further.iter().flat_map(|section| &section.bands).flat_map(|band| &band.per_incidence);
     let paths: Vec<u64> = meta.per_incidence.iter().chain(further).map(|at| at.paths).collect();
     let (mut sampling, lobes) = request.sampling(&bands, Shard::WHOLE)?;
-    sampling.walk_to_each(&paths, observer)?;
+    sampling.walk_to(&paths, observer)?;
     let table = assemble::walk_tables(&request, &lobes, &sampling)?;
     super::coloured(&request, table, &request.colours()?)
 }
@@ -212,12 +215,9 @@ mod tests {
 
     fn baked(target: Target, incident_deg: &[f64]) -> Table {
         let recipe = Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap();
-        let request = Request {
-            incident_deg: incident_deg.to_vec(),
-            seed: 5,
-            event_cap: 1000,
-            ..Request::new(recipe, target)
-        };
+        let incident_deg = incident_deg.to_vec();
+        let options = Options { incident_deg, target, seed: 5, event_cap: 1000, ..Options::default() };
+        let request = Request::new(recipe, options).unwrap();
         bake::walk(&request, &request.bands().unwrap(), &Observer::idle(), None).unwrap()
     }
 

@@ -1,9 +1,8 @@
-//! Light in single directions, and the second side: what `--both-sides` adds to a table, and the table of smooth interfaces.
+//! Light in single directions, and the second side: what [`crate::options::Sides::Both`] adds to a table, and the table of smooth interfaces.
 
 use super::Request;
-use super::assemble::{
-    CellRule, Incidence, azimuth_width_deg, push_row, settings, summary, symmetrise, table as assembled,
-};
+use super::assemble::{Incidence, push_row, settings, summary, symmetrise, table as assembled};
+use super::cells::CellRule;
 use super::halfway;
 use crate::tally::{CellShares, Cells};
 use lut_io::axis::ExitAxis;
@@ -70,8 +69,8 @@ fn add_lobes(
     let axis = table.meta.exit_axis;
     let n = &transport.indices;
     // Solutions may hold further angles behind those of the request.
-    let below = &below[..request.incident_deg.len()];
-    let from_below = below.iter().zip(&request.incident_deg).enumerate();
+    let below = &below[..request.options.incident_deg.len()];
+    let from_below = below.iter().zip(&request.options.incident_deg).enumerate();
     let mut section = BothSides {
         n_ambient: n[0],
         n_substrate: n[n.len() - 1],
@@ -131,9 +130,7 @@ fn passage_row(
         share.iter_mut().for_each(|share| *share *= light.max(0.0) / found);
     }
     let width = match axis {
-        ExitAxis::Plane { .. } => {
-            azimuth_width_deg(request.recipe.azimuth.width_deg, spread_deg(axis, specular, &share))
-        }
+        ExitAxis::Plane { .. } => request.recipe.azimuth.decay_width_deg(spread_deg(axis, specular, &share)),
         ExitAxis::Space { .. } => 0.0,
     };
     let extents = measure::cell_extents(axis, specular);
@@ -180,7 +177,7 @@ pub(super) fn smooth_table(
     };
     let incidences: Vec<Incidence> = lobes
         .iter()
-        .zip(&request.incident_deg)
+        .zip(&request.options.incident_deg)
         .map(|(lobe, &theta_i_deg)| {
             let components = [lobe.albedo - lobe.surface, lobe.surface, 0.0].map(|light| CellShares {
                 share: beam(lobe.theta_i, light),

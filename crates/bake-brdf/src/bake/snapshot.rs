@@ -4,16 +4,17 @@
 //! postcard encoding. Sums are integers, so a bake that goes on from a snapshot, or shards that are merged, give
 //! the same bits as one uninterrupted bake.
 
-use super::sampling::{self, Sampling, Shard, State};
-use super::{BakeError, Observer, Request, Target, assemble};
-use crate::effects::Effect;
-use crate::tally::{CHUNK, Tally};
+use super::sampling::{Sampling, Shard, State};
+use super::{BakeError, Observer, Request, assemble};
+use crate::effects::{EffectSet, Effects};
+use crate::options::{Options, Target};
+use crate::recipe::Recipe;
+use crate::tally::{CHUNK, MAX_PATHS, Tally};
 use lut_io::dispersion::MOST_BANDS;
 use lut_io::table::Table;
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read as _};
 use std::path::Path;
-use transport::walk::lanes::Precision;
 
 const MAGIC: &[u8] = b"nacre-state/1\n";
 /// Longest snapshot that is read, bytes.
@@ -28,18 +29,10 @@ pub struct Snapshot {
     pub writer: String,
     /// What is baked (the recipe as JSON text).
     pub recipe: String,
-    /// Names of the effects that are baked.
-    pub effects: Vec<String>,
-    /// Angles of incidence, degrees.
-    pub incident_deg: Vec<f64>,
-    /// When the bake is finished.
-    pub target: Target,
-    /// Seed of the walk.
-    pub seed: u64,
-    /// Event cap of a path.
-    pub event_cap: u32,
-    /// `auto`, `f32` or `f64`.
-    pub precision: Precision,
+    /// The effects that are baked.
+    pub effects: EffectSet,
+    /// How well.
+    pub options: Options,
     /// Which part of the bake this is.
     pub shard: Shard,
     /// What has been walked.
@@ -72,12 +65,8 @@ impl Snapshot {
         Self {
             writer: writer(),
             recipe: request.recipe.to_json().to_string(),
-            effects: request.effects.names(),
-            incident_deg: request.incident_deg.clone(),
-            target: request.target,
-            seed: request.seed,
-            event_cap: request.event_cap,
-            precision: request.precision,
+            effects: request.effects,
+            options: request.options.clone(),
             shard,
             state,
         }
@@ -88,23 +77,9 @@ impl Snapshot {
     /// # Errors
     /// The recipe inside is not valid.
     pub fn request(&self) -> Result<Request, SnapshotError> {
-        let recipe = crate::recipe::Recipe::from_json(&self.recipe)
+        let recipe = Recipe::from_json(&self.recipe)
             .map_err(|why| SnapshotError::Damaged(format!("its recipe: {why}")))?;
-        let effect = |name: &String| {
-            Effect::from_name(name)
-                .ok_or_else(|| SnapshotError::Damaged(format!("its effect {name:?} is unknown")))
-        };
-        Ok(Request {
-            recipe,
-            effects: self.effects.iter().map(effect).collect::<Result<_, _>>()?,
-            // A shard whose colours were required has shown that they can be had.
-            listed: false,
-            incident_deg: self.incident_deg.clone(),
-            target: self.target,
-            seed: self.seed,
-            event_cap: self.event_cap,
-            precision: self.precision,
-        })
+        Ok(Request { recipe, effects: self.effects, options: self.options.clone() })
     }
 
     /// Whether `other` is a part of the same bake; names the first difference.
@@ -112,15 +87,17 @@ impl Snapshot {
     /// # Errors
     /// [`SnapshotError::Other`].
     pub fn same_bake(&self, other: &Self) -> Result<(), SnapshotError> {
+        // Who solves, and by which list the effects came, makes no other paths.
+        let (ours, theirs) = (&self.options, &other.options);
         let differences = [
             (self.writer == other.writer, "the version of bake-brdf"),
             (self.recipe == other.recipe, "the recipe"),
             (self.effects == other.effects, "the list of effects"),
-            (self.incident_deg == other.incident_deg, "the list of incidences"),
-            (self.target == other.target, "the accuracy, path count or time"),
-            (self.seed == other.seed, "the seed"),
-            (self.event_cap == other.event_cap, "the event cap"),
-            (self.precision == other.precision, "the precision"),
+            (ours.incident_deg == theirs.incident_deg, "the list of incidences"),
+            (ours.target == theirs.target, "the accuracy, path count or time"),
+            (ours.seed == theirs.seed, "the seed"),
+            (ours.event_cap == theirs.event_cap, "the event cap"),
+            (ours.precision == theirs.precision, "the precision"),
             (self.shard.count == other.shard.count, "the number of shards"),
         ];
         match differences.iter().find(|(same, _)| !same) {
@@ -189,7 +166,7 @@ impl Snapshot {
             return Err("its shard number is out of range");
         }
         // One tally an incidence and band.
-        let (lobes, incidences) = (tallies.len(), self.incident_deg.len());
+        let (lobes, incidences) = (tallies.len(), self.options.incident_deg.len());
         let bands = lobes.checked_div(incidences).unwrap_or(0);
         if bands * incidences != lobes
             || bands > MOST_BANDS + 1
@@ -198,11 +175,11 @@ impl Snapshot {
             return Err("it has other numbers of tallies than of incidences");
         }
         // A NaN would make a state that does not even belong to its own bake.
-        let angles = self.incident_deg.iter().all(|angle| (0.0..=90.0).contains(angle));
-        if !angles || matches!(self.target, Target::AccuracyPercent(percent) if percent.is_nan()) {
+        let angles = self.options.incident_deg.iter().all(|angle| (0.0..=90.0).contains(angle));
+        if !angles || matches!(self.options.target, Target::AccuracyPercent(percent) if percent.is_nan()) {
             return Err("it has an incidence or an accuracy that no bake can have");
         }
-        if position.iter().chain(targets).any(|&paths| paths > sampling::MAX_PATHS) {
+        if position.iter().chain(targets).any(|&paths| paths > MAX_PATHS) {
             return Err("it claims more paths than a bake can have");
         }
         // A chunk is rounded as a whole: only the last one of a round may be shorter than the others.
@@ -277,24 +254,21 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
 /// As [`super::walk`]; a shard needs a path count.
 pub fn walk_shard(request: &Request, shard: Shard, observer: &Observer<'_>) -> Result<Snapshot, BakeError> {
     if !request.effects.has_lobe() {
-        return Err(BakeError::Input(
-            "a bake without surface and blur walks no paths: it has no shards".to_owned(),
-        ));
+        let why = "a bake without surface and blur walks no paths: it has no shards".to_owned();
+        return Err(BakeError::Option { field: "shard", why });
     }
-    let Target::Paths(paths) = request.target else {
-        return Err(BakeError::Input(
-            "a shard needs --paths: the path counts of an accuracy or a time follow from whole tallies"
-                .to_owned(),
-        ));
+    let refuse = |why: String| Err(BakeError::Option { field: "shard", why });
+    let Target::Paths(paths) = request.options.target else {
+        return refuse(
+            "the path counts of an accuracy or a time follow from whole tallies; expected paths".to_owned(),
+        );
     };
     if shard.index == 0 || shard.index > shard.count {
         let Shard { index, count } = shard;
-        return Err(BakeError::Input(format!(
-            "shard: {index}/{count} is out of range; expected 1/{count} to {count}/{count}"
-        )));
+        return refuse(format!("{index}/{count} is out of range; expected 1/{count} to {count}/{count}"));
     }
-    if request.listed {
-        // Refused here or not at all: what is merged has no one to refuse it to.
+    if matches!(request.options.effects, Effects::Listed(_)) {
+        // A listed colour that the stack cannot have is refused here, not after all shards are walked.
         request.colours()?;
     }
     let (mut sampling, _): (Sampling, _) = request.sampling(&request.bands()?, shard)?;
@@ -308,13 +282,15 @@ mod tests {
     use proptest::prelude::*;
 
     fn request(paths: u64) -> Request {
-        let recipe = crate::recipe::Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap();
-        Request {
+        let recipe = Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap();
+        let options = Options {
             incident_deg: vec![0.0, 40.0, 80.0],
+            target: Target::Paths(paths),
             seed: 3,
             event_cap: 1000,
-            ..Request::new(recipe, Target::Paths(paths))
-        }
+            ..Options::default()
+        };
+        Request::new(recipe, options).unwrap()
     }
 
     fn shards(paths: u64, count: u32) -> Vec<(String, Snapshot)> {
@@ -343,7 +319,7 @@ mod tests {
         let doubled = [parts.as_slice(), &parts[1..2]].concat();
         assert!(refusal(&doubled).contains("s2: shard 2 again"));
         let mut foreign = parts.clone();
-        foreign[1].1.recipe = crate::recipe::Recipe::default().to_json().to_string();
+        foreign[1].1.recipe = Recipe::default().to_json().to_string();
         assert!(refusal(&foreign).contains("s2: belongs to another bake: the recipe differs"));
         let mut older = parts.clone();
         older.iter_mut().for_each(|(_, shard)| shard.writer = "bake-brdf 0.0.9".to_owned());

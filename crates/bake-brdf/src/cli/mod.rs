@@ -1,16 +1,18 @@
 //! Arguments of `bake-brdf` and what they call.
 
+mod args;
 mod bake;
-mod manners;
+mod checkpoint;
+mod errors;
 mod plan;
+mod progress;
 mod reproduce;
 mod scene;
 mod study;
-mod terms;
 mod why_not;
 
 use clap::{Parser, Subcommand};
-use terminal::Outcome;
+use terminal::{Manners, Outcome};
 
 /// Bakes a pearl: walks light through 500 layers of nacre and writes the table of where it goes.
 #[derive(Debug, Parser)]
@@ -34,7 +36,7 @@ pub(crate) struct Cli {
     #[command(flatten)]
     bake: bake::BakeArgs,
     #[command(flatten)]
-    manners: terminal::Manners,
+    manners: Manners,
 }
 
 #[derive(Debug, Subcommand)]
@@ -60,12 +62,28 @@ enum Command {
 pub(crate) fn run(cli: Cli) -> Outcome {
     let manners = cli.manners;
     match cli.command {
-        None => bake::run(&cli.bake, &manners),
-        Some(Command::Bake(args)) => bake::run(&args, &manners),
+        None => bake(&cli.bake, &manners),
+        Some(Command::Bake(args)) => bake(&args, &manners),
         Some(Command::Plan(args)) => plan::run(&args, &manners),
         Some(Command::Study(args)) => study::run(&args, &manners),
         Some(Command::Schema) => terminal::print_json(&bake_brdf::recipe::Recipe::json_schema()),
         Some(Command::Completions { shell }) => terminal::completions::<Cli>(shell),
         Some(Command::Man) => terminal::manual::<Cli>(),
     }
+}
+
+/// Bakes a recipe, or what a scene calls for, or a table again.
+fn bake(args: &bake::BakeArgs, manners: &Manners) -> Outcome {
+    if let Some(table) = &args.reproduce {
+        return reproduce::run(table, manners);
+    }
+    match &args.scene.scene {
+        Some(path) => scene::run(args, path, manners),
+        None => bake::run(args, manners),
+    }
+}
+
+#[allow(clippy::print_stderr)] // the tool's voice
+fn say(line: &str) {
+    eprintln!("bake-brdf: {line}");
 }

@@ -1,16 +1,14 @@
 //! `bake-brdf plan`.
 
-use super::bake::stop;
-use super::manners;
-use super::terms::{TermsArgs, recipe};
-use bake_brdf::bake::SolverChoice;
-use bake_brdf::plan::{Plan, PlanError, PlannedPearl};
-use bake_brdf::scene::{Scene, Variant};
+use super::args::{self, OptionsArgs, SceneArgs};
+use super::errors::refuse_plan;
+use super::progress::seconds_text;
+use bake_brdf::options::SolverChoice;
+use bake_brdf::plan::{Plan, PlannedPearl};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
-use terminal::Manners;
-use terminal::{Outcome, Stop};
+use std::path::PathBuf;
+use terminal::{Manners, Outcome};
 
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct PlanArgs {
@@ -20,57 +18,29 @@ pub(crate) struct PlanArgs {
     #[command(flatten)]
     scene: SceneArgs,
     #[command(flatten)]
-    terms: TermsArgs,
+    options: OptionsArgs,
     /// Also bake each pearl with every effect switched the other way, and say what that changes in a picture and what it costs.
     #[arg(long)]
     why_not: bool,
 }
 
-/// The scene that says what is needed.
-#[derive(clap::Args, Clone, Debug)]
-pub(crate) struct SceneArgs {
-    /// Mitsuba scene (XML) whose pearls are meant.
-    #[arg(long, value_name = "SCENE")]
-    pub(crate) scene: Option<PathBuf>,
-    /// Variant that the scene is rendered with: mono, rgb, spectral, polarised, or a variant of Mitsuba [default: what the
-    /// scene hints at, else rgb].
-    #[arg(long, value_name = "VARIANT", requires = "scene")]
-    variant: Option<String>,
-    /// Value of the scene's $NAME, before its own default; may be given again for other names.
-    #[arg(short = 'D', long = "define", value_name = "NAME=VALUE", requires = "scene")]
-    define: Vec<String>,
-}
-
-impl SceneArgs {
-    /// Reads a scene.
-    pub(crate) fn read(&self, path: &Path) -> Result<Scene, Stop> {
-        let variant = self.variant.as_deref().map(|name| Variant::parse(name, "--variant")).transpose();
-        let variant = variant.map_err(|why| Stop::BadInput(format!("--variant: {why}")))?;
-        let defaults = self.define.iter().map(|pair| match pair.split_once('=') {
-            Some((name, value)) if !name.is_empty() => Ok((name.to_owned(), value.to_owned())),
-            _ => Err(Stop::BadInput(format!("--define: {pair:?} is not NAME=VALUE"))),
-        });
-        let defaults: Vec<(String, String)> = defaults.collect::<Result<_, _>>()?;
-        Scene::read_with(path, variant, &defaults).map_err(Stop::bad_input)
-    }
-}
-
 /// Runs the command.
 pub(crate) fn run(args: &PlanArgs, manners: &Manners) -> Outcome {
     let pool = manners.pool()?;
-    let (plan, terms) = match &args.scene.scene {
+    let plan = match &args.scene.scene {
         Some(path) => {
             let scene = args.scene.read(path)?;
-            let terms = args.terms.terms(Some(SolverChoice::Auto))?;
-            (pool.install(|| Plan::of_scene(&scene, &terms)).map_err(refuse)?, terms)
+            let options = args.options.options(Some(SolverChoice::Auto))?;
+            pool.install(|| Plan::of_scene(&scene, &options))
         }
         None => {
-            let (recipe, from) = recipe(args.recipe.as_deref())?;
-            let terms = args.terms.terms(None)?;
-            (pool.install(|| Plan::of_recipe(recipe, &from, &terms)).map_err(refuse)?, terms)
+            let (recipe, from) = args::recipe(args.recipe.as_deref())?;
+            let options = args.options.options(None)?;
+            pool.install(|| Plan::of_recipe(recipe, &from, &options))
         }
     };
-    let why_not = args.why_not.then(|| pool.install(|| super::why_not::report(&plan, &terms))).transpose()?;
+    let plan = plan.map_err(refuse_plan)?;
+    let why_not = args.why_not.then(|| pool.install(|| super::why_not::report(&plan))).transpose()?;
     if manners.json {
         let mut report = report(&plan);
         if let Some((differences, _)) = why_not {
@@ -80,17 +50,6 @@ pub(crate) fn run(args: &PlanArgs, manners: &Manners) -> Outcome {
     }
     let text = table(&plan) + &why_not.map_or_else(String::new, |(_, text)| format!("\n{text}"));
     terminal::print(&text)
-}
-
-/// A plan's error as a tool's.
-pub(crate) fn refuse(error: PlanError) -> Stop {
-    match error {
-        PlanError::Bake(place, error) => match stop(error) {
-            Stop::BadInput(line) => Stop::BadInput(format!("{place}{line}")),
-            other => other,
-        },
-        other => Stop::bad_input(other),
-    }
 }
 
 /// The plan as JSON.
@@ -126,7 +85,7 @@ pub(crate) fn report(plan: &Plan) -> Value {
             json!({
                 "recipe": table.request.recipe.name,
                 "effects": table.request.effects.names(),
-                "solver": solver_name(table.solver),
+                "solver": table.solver.name(),
                 "seconds": table.cost.seconds,
                 "bytes": table.cost.bytes,
             })
@@ -143,14 +102,6 @@ pub(crate) fn report(plan: &Plan) -> Value {
 }
 
 const UNUSED: &str = "no shape shows this pearl";
-
-pub(crate) const fn solver_name(solver: SolverChoice) -> &'static str {
-    match solver {
-        SolverChoice::Walk => "walk",
-        SolverChoice::Doubling => "doubling",
-        SolverChoice::Auto => "auto",
-    }
-}
 
 /// The plan for people: a table a pearl.
 fn table(plan: &Plan) -> String {
@@ -196,8 +147,8 @@ fn table(plan: &Plan) -> String {
             "table of {}: {} by {}, about {}, {:.0} kB",
             table.request.recipe.name,
             table.request.effects.names().join(", "),
-            solver_name(table.solver),
-            manners::seconds_text(table.cost.seconds),
+            table.solver.name(),
+            seconds_text(table.cost.seconds),
             table.cost.bytes as f64 / 1e3,
         );
     }

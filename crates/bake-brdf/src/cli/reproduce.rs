@@ -1,7 +1,6 @@
 //! `bake-brdf --reproduce`: a table baked again from its metadata, compared bit by bit.
 
-use super::bake::watched;
-use super::manners;
+use super::progress::{seconds_text, watched};
 use bake_brdf::bake::reproduce::{self, Difference};
 use lut_io::table::Solver;
 use serde_json::json;
@@ -59,7 +58,7 @@ pub(super) fn run(path: &Path, manners: &Manners) -> Outcome {
 }
 
 fn text(differences: &[Difference], same_bytes: bool, incidences: usize, seconds: f64) -> String {
-    let time = manners::seconds_text(seconds);
+    let time = seconds_text(seconds);
     if differences.is_empty() {
         let bytes = if same_bytes { "the same bytes" } else { "the same table in another encoding" };
         return format!("reproduced bit for bit: {incidences} incidences in {time}; {bytes}\n");

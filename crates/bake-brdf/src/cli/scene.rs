@@ -1,18 +1,18 @@
 //! `bake-brdf --scene`: bakes the tables that a scene calls for, and a copy of the scene that points at them.
 
-use super::bake::{CHECKPOINT_EVERY_SECONDS, Kept, bake_to, writable};
-use super::manners;
-use super::plan::{SceneArgs, refuse, report, solver_name};
-use super::terms::TermsArgs;
-use bake_brdf::bake::{SolverChoice, Target, content_hash};
+use super::bake::{BakeArgs, bake_to, writable};
+use super::checkpoint::Checkpoints;
+use super::errors::refuse_plan;
+use super::plan::report;
+use super::progress::seconds_text;
+use bake_brdf::options::{SolverChoice, Target};
 use bake_brdf::plan::{Plan, PlannedTable};
 use bake_brdf::scene::{Baked, Scene};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
-use terminal::Manners;
-use terminal::{Outcome, Stop};
+use std::time::Instant;
+use terminal::{Manners, Outcome, Stop};
 
 /// A table on disk.
 struct Done {
@@ -24,26 +24,16 @@ struct Done {
 }
 
 /// Runs the command.
-pub(crate) fn run(
-    scene_args: &SceneArgs,
-    path: &Path,
-    terms: &TermsArgs,
-    output: Option<&Path>,
-    dry_run: bool,
-    manners: &Manners,
-) -> Outcome {
+pub(crate) fn run(args: &BakeArgs, path: &Path, manners: &Manners) -> Outcome {
     let started = Instant::now();
-    let scene = scene_args.read(path)?;
-    let terms = terms.terms(Some(SolverChoice::Auto))?;
+    let scene = args.scene.read(path)?;
+    let options = args.options.options(Some(SolverChoice::Auto))?;
     let pool = manners.pool()?;
-    let plan = pool.install(|| Plan::of_scene(&scene, &terms)).map_err(refuse)?;
-    if dry_run {
+    let plan = pool.install(|| Plan::of_scene(&scene, &options)).map_err(refuse_plan)?;
+    if args.dry_run || plan.tables.is_empty() {
         return print(&plan, &[], None, started.elapsed().as_secs_f64(), manners);
     }
-    if plan.tables.is_empty() {
-        return print(&plan, &[], None, started.elapsed().as_secs_f64(), manners);
-    }
-    let (copy, table_name) = targets(path, output, plan.tables.len())?;
+    let (copy, table_name) = targets(path, args.output.as_deref(), plan.tables.len())?;
     if same_file(&copy, path) {
         let line = format!(
             "{}: the copy would take the place of the scene; name another file with -o",
@@ -93,26 +83,26 @@ fn same_file(a: &Path, b: &Path) -> bool {
 fn name_of(table: &PlannedTable) -> String {
     let tame = |c: char| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '-' };
     let name: String = table.request.recipe.name.chars().take(40).map(tame).collect();
-    format!("{name}-{}.exr", &content_hash(&table.request, table.solver)[..12])
+    // A name that begins with a dash reads like a flag.
+    let name = match name.trim_matches('-') {
+        "" => "pearl",
+        name => name,
+    };
+    format!("{name}-{}.exr", &table.request.content_hash(table.solver)[..12])
 }
 
 /// Bakes a table, unless it is there already.
 fn bake(table: &PlannedTable, folder: &Path, name: String, manners: &Manners) -> Result<Done, Stop> {
     let path = folder.join(&name);
     let started = Instant::now();
-    let hash = content_hash(&table.request, table.solver);
+    let hash = table.request.content_hash(table.solver);
     // What a time budget reaches is another table every time.
-    let timed = matches!(table.request.target, Target::Time(_));
+    let timed = matches!(table.request.options.target, Target::Time(_));
     let reused = !timed && path.is_file() && stored_hash(&path) == Some(hash);
     if !reused {
         writable(&path)?;
-        let kept = Kept {
-            from_the_start: false,
-            every: Duration::from_secs_f64(CHECKPOINT_EVERY_SECONDS),
-            resume: false,
-            reciprocal: false,
-        };
-        bake_to(&table.request, &table.bands, table.solver, &path, kept, manners)?;
+        let checkpoints = Checkpoints::default();
+        bake_to(&table.request, &table.bands, table.solver, &path, checkpoints, false, manners)?;
     }
     let bytes = std::fs::metadata(&path).map_or(0, |data| data.len());
     Ok(Done { name, reused, seconds: started.elapsed().as_secs_f64(), bytes })
@@ -144,7 +134,7 @@ fn print(plan: &Plan, tables: &[Done], copy: Option<&Path>, seconds: f64, manner
             .map(|(planned, done)| {
                 json!({
                     "file": done.name, "reused": done.reused, "seconds": done.seconds, "bytes": done.bytes,
-                    "predicted_seconds": planned.cost.seconds, "solver": solver_name(planned.solver),
+                    "predicted_seconds": planned.cost.seconds, "solver": planned.solver.name(),
                     "effects": planned.request.effects.names(),
                 })
             })
@@ -168,7 +158,7 @@ fn print(plan: &Plan, tables: &[Done], copy: Option<&Path>, seconds: f64, manner
         let how = if done.reused {
             "reused".to_owned()
         } else {
-            format!("baked in {}", manners::seconds_text(done.seconds))
+            format!("baked in {}", seconds_text(done.seconds))
         };
         let effects = planned.request.effects.names().join(", ");
         let _ = writeln!(text, "{}: {how} ({effects})", done.name);
@@ -182,7 +172,7 @@ fn print(plan: &Plan, tables: &[Done], copy: Option<&Path>, seconds: f64, manner
                 text,
                 "{} tables, about {}; nothing written",
                 plan.tables.len(),
-                manners::seconds_text(plan.cost().seconds)
+                seconds_text(plan.cost().seconds)
             );
         }
         None => {}

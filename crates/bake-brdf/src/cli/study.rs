@@ -1,6 +1,7 @@
 //! `bake-brdf study`: runs the study, writes `study.json`, `study.csv`, `study.svg`, `study.png`.
 
-use bake_brdf::bake;
+use super::{args, errors};
+use bake_brdf::options::Options;
 use bake_brdf::recipe::AzimuthMode;
 use bake_brdf::study::{self, Contender, Point, Study};
 use kuva::backend::raster::RasterBackend;
@@ -26,21 +27,19 @@ pub(crate) struct StudyArgs {
     incident_deg: Option<String>,
 }
 
-pub(crate) fn run(args: &StudyArgs, manners: &Manners) -> Outcome {
-    let (recipe, _) = super::terms::recipe(args.recipe.as_deref())?;
-    let incident_deg = match &args.incident_deg {
-        None => bake::default_incident_deg(),
-        Some(list) => super::bake::angles(list)?,
-    };
-    let folder = &args.output;
+pub(crate) fn run(study: &StudyArgs, manners: &Manners) -> Outcome {
+    let (recipe, _) = args::recipe(study.recipe.as_deref())?;
+    let incident_deg = args::incident_deg(study.incident_deg.as_deref())?;
+    let options = Options { incident_deg, ..Options::default() };
+    let folder = &study.output;
     std::fs::create_dir_all(folder).map_err(|why| Stop::failure(format!("{}: {why}", folder.display())))?;
     let pool = manners.pool()?;
     let say = |line: &str| {
         if !manners.quiet {
-            super::bake::say(line);
+            super::say(line);
         }
     };
-    let study = pool.install(|| study::run(&recipe, &incident_deg, &say)).map_err(super::bake::stop)?;
+    let study = pool.install(|| study::run(&recipe, &options, &say)).map_err(errors::refuse)?;
     let scene = figure(&study);
     let png = RasterBackend::new().with_scale(2.5).render_scene(&scene).map_err(Stop::failure)?;
     let json = serde_json::to_value(&study).map_err(Stop::failure)?;

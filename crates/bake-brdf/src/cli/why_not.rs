@@ -3,10 +3,11 @@
 //! The picture is a sphere under one distant light and a white surrounding, without noise: the BSDF is evaluated for the light,
 //! and its directional albedo stands for the surrounding.
 
-use super::bake::stop;
-use bake_brdf::bake::{self, Bands, Observer, Request, Sides, SolverChoice};
+use super::errors::refuse;
+use bake_brdf::bake::{self, Observer, Request};
 use bake_brdf::effects::{self, Effect, EffectSet, View};
-use bake_brdf::plan::{self, Cost, Plan, PlannedPearl, Terms};
+use bake_brdf::options::{Options, SolverChoice};
+use bake_brdf::plan::{self, Cost, Plan, PlannedPearl};
 use lut_io::table::Table;
 use pearl_bsdf::{Components, Controls, PearlBsdf};
 use serde_json::{Value, json};
@@ -34,16 +35,18 @@ struct Difference {
 }
 
 /// The differences of every pearl that is shown, as JSON and as text.
-pub(super) fn report(plan: &Plan, terms: &Terms) -> Result<(Value, String), Stop> {
+pub(super) fn report(plan: &Plan) -> Result<(Value, String), Stop> {
     let (mut list, mut text) = (Vec::new(), String::new());
-    for pearl in plan.pearls.iter().filter(|pearl| pearl.table.is_some()) {
+    for pearl in &plan.pearls {
+        let Some(table) = pearl.table.map(|table| &plan.tables[table]) else { continue };
+        let options = &table.request.options;
         let _ = writeln!(
             text,
             "{}: what each effect changes in a picture of a sphere\n  effect           plan  mean ΔE00  relative RMSE  seconds      bytes",
             pearl.id
         );
         let mut effects = serde_json::Map::new();
-        for Difference { effect, on, changes, cost } in differences(pearl, terms)? {
+        for Difference { effect, on, changes, cost } in differences(pearl, options)? {
             let plan = if on { "on" } else { "off" };
             let _ = match &changes {
                 Ok((delta_e, rmse)) => writeln!(
@@ -71,9 +74,9 @@ pub(super) fn report(plan: &Plan, terms: &Terms) -> Result<(Value, String), Stop
     Ok((Value::Array(list), text))
 }
 
-fn differences(pearl: &PlannedPearl, terms: &Terms) -> Result<Vec<Difference>, Stop> {
+fn differences(pearl: &PlannedPearl, options: &Options) -> Result<Vec<Difference>, Stop> {
     let planned = pearl.decisions.set();
-    let here = Shown::new(pearl, planned, terms)?;
+    let here = Shown::new(pearl, planned, options)?;
     let mut differences = Vec::new();
     for effect in Effect::ALL {
         let on = planned.contains(effect);
@@ -83,7 +86,7 @@ fn differences(pearl: &PlannedPearl, terms: &Terms) -> Result<Vec<Difference>, S
             differences.push(nothing(why));
             continue;
         }
-        let there = Shown::new(pearl, other, terms)?;
+        let there = Shown::new(pearl, other, options)?;
         let (with, less) = if on { (&here, &there) } else { (&there, &here) };
         differences.push(Difference {
             effect,
@@ -129,18 +132,23 @@ struct Shown {
 }
 
 impl Shown {
-    fn new(pearl: &PlannedPearl, effects: EffectSet, terms: &Terms) -> Result<Self, Stop> {
+    fn new(pearl: &PlannedPearl, effects: EffectSet, options: &Options) -> Result<Self, Stop> {
         let effects = if effects.contains(Effect::Blur) {
             effects.with(Effect::Surface).with(Effect::Azimuth)
         } else {
             effects
         };
-        let request = terms.request(pearl.recipe.clone(), effects);
-        let bands = request.bands().map_err(stop)?;
-        let solver = terms.solver.or(Some(SolverChoice::Auto));
-        let solver = plan::solver(&request, &bands, solver).map_err(stop)?;
-        let costs = plan::costs(&request, &bands, solver).map_err(stop)?;
-        let table = baked(&request, &bands, solver)?;
+        let solver = options.solver.or(Some(SolverChoice::Auto));
+        let options = Options { solver, ..options.clone() };
+        let request = Request { recipe: pearl.recipe.clone(), effects, options };
+        let bands = request.bands().map_err(refuse)?;
+        let solver = bake::solver(&request, &bands).map_err(refuse)?;
+        let costs = plan::costs(&request, &bands, solver).map_err(refuse)?;
+        let table = match solver {
+            SolverChoice::Doubling => bake::doubling(&request, &bands),
+            _ => bake::walk(&request, &bands, &Observer::idle(), None),
+        };
+        let table = table.map_err(refuse)?;
         let controls = controls(&pearl.view, effects, &table);
         let bsdf = PearlBsdf::from_table(table, controls).map_err(Stop::failure)?;
         Ok(Self {
@@ -148,14 +156,6 @@ impl Shown {
             cost: costs.into_iter().fold(Cost::default(), |sum, cost| sum + cost),
         })
     }
-}
-
-fn baked(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<Table, Stop> {
-    match solver {
-        SolverChoice::Doubling => bake::doubling(request, bands, Sides::Above),
-        _ => bake::walk(request, bands, &Observer::idle(), None),
-    }
-    .map_err(stop)
 }
 
 /// The pearl's controls, those of effects left out at 0.

@@ -1,7 +1,7 @@
 //! `lut merge`: the table of a bake that was walked in shards.
 
 use bake_brdf::bake::snapshot::{self, Snapshot, SnapshotError};
-use bake_brdf::bake::{SolverChoice, content_hash};
+use bake_brdf::options::SolverChoice;
 use lut_io::{atomic, exr_file};
 use std::path::PathBuf;
 use terminal::{Outcome, Stop};
@@ -31,7 +31,7 @@ pub(crate) fn run(args: &MergeArgs, json: bool) -> Outcome {
         let named = |why: SnapshotError| Stop::bad_input(format!("{name}: {why}"));
         let snapshot = Snapshot::read(path).map_err(named)?;
         if let Some(wanted) = &args.content_hash {
-            let found = content_hash(&snapshot.request().map_err(named)?, SolverChoice::Walk);
+            let found = snapshot.request().map_err(named)?.content_hash(SolverChoice::Walk);
             if found != *wanted {
                 return Err(Stop::BadInput(format!(
                     "{name}: belongs to another bake: its content hash is {found}, expected {wanted}"

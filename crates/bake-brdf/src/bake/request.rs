@@ -1,0 +1,146 @@
+//! A request: a recipe, what of it is baked, and how well.
+
+use super::sampling::{Sampling, Shard};
+use super::{BakeError, Bands, exit_axis};
+use crate::effects::{Effect, EffectError, EffectSet, Effects, View};
+use crate::options::{Options, SolverChoice};
+use crate::recipe::{AzimuthMode, Recipe};
+use crate::spectra::{self, Colours, Wanted};
+use lut_io::axis::ExitAxis;
+use transport::{Geometry, Light, Transport};
+
+/// What is baked.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// The pearl, with the azimuth mode that is baked.
+    pub recipe: Recipe,
+    /// The effects that [`Options::effects`] came to.
+    pub effects: EffectSet,
+    /// How well.
+    pub options: Options,
+}
+
+/// The lobes of a request: their wavelengths, the transport problem at each, and the exit cells of all.
+pub(crate) struct Lobes {
+    pub(crate) bands: Bands,
+    pub(crate) transports: Vec<Transport>,
+    pub(crate) axis: ExitAxis,
+}
+
+impl Request {
+    /// The request for a recipe under its own look.
+    ///
+    /// # Errors
+    /// A listed effect that this version does not simulate.
+    pub fn new(recipe: Recipe, options: Options) -> Result<Self, EffectError> {
+        let view = View::of_look(&recipe.look);
+        let (recipe, decisions) = options.decide(recipe, &view)?;
+        Ok(Self { recipe, effects: decisions.set(), options })
+    }
+
+    /// Plane or space, as the recipe's azimuth mode needs.
+    #[must_use]
+    pub fn geometry(&self) -> Geometry {
+        match self.recipe.azimuth.mode {
+            AzimuthMode::Decay => Geometry::Plane,
+            AzimuthMode::Space => Geometry::Space,
+        }
+    }
+
+    /// The transport problem at the recipe's wavelength, of the effects that are baked.
+    ///
+    /// # Errors
+    /// As [`Recipe::transport`].
+    pub fn transport(&self) -> Result<Transport, BakeError> {
+        let wavelength = self.recipe.wavelength();
+        let has = |effect| self.effects.contains(effect);
+        let mut transport = if has(Effect::CoherentSheets) && has(Effect::Blur) {
+            self.recipe.sheet_transport(wavelength)?
+        } else {
+            self.recipe.transport(wavelength)?
+        };
+        if has(Effect::Polarisation) && has(Effect::Blur) {
+            transport.light = Light::Tracked;
+        }
+        if !has(Effect::Absorption) {
+            transport.optical_depths.fill(0.0);
+        }
+        if !has(Effect::Blur) {
+            // The surface alone: what passes it goes on into more of the same, where nothing reflects.
+            let [ambient, first] = [transport.indices[0], transport.indices[1]];
+            transport.indices = vec![ambient, first, first];
+            transport.optical_depths = vec![0.0];
+        }
+        Ok(transport)
+    }
+
+    /// The transport problem at each band, the recipe's own wavelength first.
+    pub(super) fn transports(&self, bands: &Bands) -> Result<Vec<Transport>, BakeError> {
+        bands.all_nm().map(|nm| self.at_wavelength(nm).transport()).collect()
+    }
+
+    /// The same request at a wavelength, nm.
+    #[must_use]
+    pub fn at_wavelength(&self, nm: f64) -> Self {
+        let mut request = self.clone();
+        request.recipe.light.wavelength_nm = nm;
+        request
+    }
+
+    /// The same request at other angles of incidence, degrees.
+    #[must_use]
+    pub(super) fn at_incidences(&self, incident_deg: Vec<f64>) -> Self {
+        let mut request = self.clone();
+        request.options.incident_deg = incident_deg;
+        request
+    }
+
+    /// Angles of incidence, radians.
+    #[must_use]
+    pub fn theta_i(&self) -> Vec<f64> {
+        self.options.incident_deg.iter().map(|angle| angle.to_radians()).collect()
+    }
+
+    /// The interference colours that the effects call for.
+    pub(super) fn colours(&self) -> Result<Colours, BakeError> {
+        Ok(spectra::of(&self.recipe, self.wanted_colours())?)
+    }
+
+    /// Which interference colours the effects call for: a listed one that this stack cannot have is an error.
+    pub(super) fn wanted_colours(&self) -> Wanted {
+        Wanted::by_effects(self.effects, matches!(self.options.effects, Effects::Listed(_)))
+    }
+
+    pub(crate) fn sampling(&self, bands: &Bands, shard: Shard) -> Result<(Sampling, Lobes), BakeError> {
+        self.options.check()?;
+        let transports = self.transports(bands)?;
+        let axis = exit_axis(self.geometry(), self.recipe.facets.slope_sd_deg.to_radians());
+        let sampling = Sampling::new(self, &transports, &axis, shard)?;
+        Ok((sampling, Lobes { bands: bands.clone(), transports, axis }))
+    }
+
+    /// Names what a bake of this request by this solver holds: equal for equal tables (`content_hash` of the metadata).
+    ///
+    /// SHA-256 over the version, the recipe and all that the numbers depend on, in hexadecimal.
+    #[must_use]
+    pub fn content_hash(&self, solver: SolverChoice) -> String {
+        use sha2::Digest as _;
+        let options = &self.options;
+        // Without a lobe neither incidences nor accuracy nor seed matter.
+        let lobe = self.effects.has_lobe().then(|| {
+            // 32 bits asked for or chosen are the same bits.
+            let precision = self.transport().map(|transport| options.precision.resolve(&transport)).ok();
+            let walk = (options.seed, options.event_cap, precision);
+            let walk = (solver != SolverChoice::Doubling).then_some(walk);
+            (solver, &options.incident_deg, options.target, walk)
+        });
+        let content = serde_json::json!({
+            "writer": concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")),
+            "recipe": self.recipe.to_json(),
+            "effects": self.effects,
+            "lobe": lobe,
+        });
+        let digest = sha2::Sha256::digest(content.to_string().as_bytes());
+        digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+}

@@ -1,0 +1,162 @@
+//! Arguments that several commands share: the recipe, the options of a bake, the scene.
+
+use bake_brdf::effects::Effects;
+use bake_brdf::options::{DEFAULT_EVENT_CAP, Options, SolverChoice, Target};
+use bake_brdf::recipe::{self, AzimuthMode, Recipe};
+use bake_brdf::scene::{Scene, Variant};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use terminal::Stop;
+use transport::walk::lanes::Precision;
+
+/// Flags that say what is baked, and how well.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct OptionsArgs {
+    /// Who solves: the Monte Carlo walk, the deterministic doubling, or whichever is cheaper [default: walk; doubling where
+    /// the effects leave only the surface; auto for a scene].
+    #[arg(long, value_parser = one_of(&[
+        ("walk", SolverChoice::Walk), ("doubling", SolverChoice::Doubling), ("auto", SolverChoice::Auto),
+    ]))]
+    solver: Option<SolverChoice>,
+    /// Total variation to reach at the worst incidence, per cent of the reflected light [default: 1].
+    #[arg(long, value_name = "PERCENT", group = "target", allow_negative_numbers = true)]
+    accuracy: Option<f64>,
+    /// Paths per incidence.
+    #[arg(long, value_name = "N", group = "target", allow_negative_numbers = true)]
+    paths: Option<u64>,
+    /// Wall-clock time to spend.
+    #[arg(long, value_name = "SECONDS", group = "target", allow_negative_numbers = true)]
+    time_budget: Option<f64>,
+    /// Seed: the same seed gives the same file.
+    #[arg(long, value_name = "S", default_value_t = 1, allow_negative_numbers = true)]
+    seed: u64,
+    /// Azimuth mode, in place of the recipe's.
+    #[arg(long, value_parser = one_of(&[("decay", AzimuthMode::Decay), ("space", AzimuthMode::Space)]))]
+    azimuth: Option<AzimuthMode>,
+    /// Effects to bake, separated by commas, in place of those that the look calls for: surface, blur, azimuth
+    /// (azimuth:decay, azimuth:space), polarisation, absorption, dispersion, coherent, coherent_sheets, emission,
+    /// irregularity, body, texture; or all that the recipe has matter for.
+    #[arg(long, value_name = "LIST")]
+    effects: Option<String>,
+    /// Angles of incidence in degrees: numbers and FROM:TO:STEP, separated by commas [default: 0:90:1].
+    #[arg(long, value_name = "LIST")]
+    incident_deg: Option<String>,
+    /// Events after which a path is given up and booked as truncated.
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_EVENT_CAP)]
+    event_cap: u32,
+    /// Arithmetic of the walk's geometry; auto takes 32 bits where that is harmless.
+    #[arg(long, default_value = "auto", value_parser = one_of(&[
+        ("auto", Precision::Auto), ("f32", Precision::F32), ("f64", Precision::F64),
+    ]))]
+    precision: Precision,
+}
+
+/// Takes one of some names for the value behind it.
+fn one_of<T: Copy + Send + Sync>(values: &'static [(&'static str, T)]) -> impl TypedValueParser<Value = T> {
+    PossibleValuesParser::new(values.iter().map(|(name, _)| *name)).try_map(|given| {
+        values.iter().find(|(name, _)| *name == given).map(|(_, value)| *value).ok_or("not one of them")
+    })
+}
+
+impl OptionsArgs {
+    /// The options; `default_solver` is what no `--solver` means.
+    pub(crate) fn options(&self, default_solver: Option<SolverChoice>) -> Result<Options, Stop> {
+        let (effects, listed_azimuth) = match self.effects.as_deref().map(Effects::parse).transpose() {
+            Ok(parsed) => parsed.unwrap_or_default(),
+            Err(why) => return Err(Stop::BadInput(format!("--{why}"))),
+        };
+        if let (Some(flag), Some(listed)) = (self.azimuth, listed_azimuth)
+            && flag != listed
+        {
+            let line = "--effects: its azimuth is not that of --azimuth; give one of the two";
+            return Err(Stop::BadInput(line.to_owned()));
+        }
+        let default = Options::default();
+        Ok(Options {
+            effects,
+            azimuth: self.azimuth.or(listed_azimuth),
+            incident_deg: incident_deg(self.incident_deg.as_deref())?,
+            target: match (self.accuracy, self.paths, self.time_budget) {
+                (Some(percent), ..) => Target::AccuracyPercent(percent),
+                (_, Some(paths), _) => Target::Paths(paths),
+                (.., Some(seconds)) => Target::Time(duration("time-budget", seconds)?),
+                _ => default.target,
+            },
+            solver: self.solver.or(default_solver),
+            seed: self.seed,
+            event_cap: self.event_cap,
+            precision: self.precision,
+            ..default
+        })
+    }
+}
+
+/// A flag's time, in seconds.
+pub(crate) fn duration(flag: &str, seconds: f64) -> Result<Duration, Stop> {
+    if seconds > 0.0 && seconds <= 1e9 {
+        return Ok(Duration::from_secs_f64(seconds));
+    }
+    Err(Stop::BadInput(format!("--{flag}: {seconds} is not a time; expected seconds, more than 0")))
+}
+
+/// Most angles of incidence of a list.
+const MOST_ANGLES: usize = 100_000;
+
+/// The angles of `--incident-deg`, ascending and distinct, or the default ones.
+pub(crate) fn incident_deg(list: Option<&str>) -> Result<Vec<f64>, Stop> {
+    let Some(list) = list else { return Ok(Options::default().incident_deg) };
+    let mut angles = terminal::angles_deg("--incident-deg", list, MOST_ANGLES)?;
+    angles.sort_by(f64::total_cmp);
+    angles.dedup();
+    Ok(angles)
+}
+
+/// The recipe of a file, or the paper's; and what a message calls it.
+pub(crate) fn recipe(path: Option<&Path>) -> Result<(Recipe, String), Stop> {
+    let Some(path) = path else { return Ok((Recipe::default(), "the paper's pearl".to_owned())) };
+    let recipe = Recipe::from_json(&terminal::read_text(path, recipe::MAX_BYTES)?)
+        .map_err(|why| Stop::BadInput(format!("{}: {why}", path.display())))?;
+    Ok((recipe, path.display().to_string()))
+}
+
+/// The scene that says what is needed.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct SceneArgs {
+    /// Mitsuba scene (XML) whose pearls are meant.
+    #[arg(long, value_name = "SCENE")]
+    pub(crate) scene: Option<PathBuf>,
+    /// Variant that the scene is rendered with: mono, rgb, spectral, polarised, or a variant of Mitsuba [default: what the
+    /// scene hints at, else rgb].
+    #[arg(long, value_name = "VARIANT", requires = "scene")]
+    variant: Option<String>,
+    /// Value of the scene's $NAME, before its own default; may be given again for other names.
+    #[arg(short = 'D', long = "define", value_name = "NAME=VALUE", requires = "scene")]
+    define: Vec<String>,
+}
+
+impl SceneArgs {
+    /// Reads a scene.
+    pub(crate) fn read(&self, path: &Path) -> Result<Scene, Stop> {
+        let variant = self.variant.as_deref().map(|name| Variant::parse(name, "--variant")).transpose();
+        let variant = variant.map_err(|why| Stop::BadInput(format!("--variant: {why}")))?;
+        let defaults = self.define.iter().map(|pair| match pair.split_once('=') {
+            Some((name, value)) if !name.is_empty() => Ok((name.to_owned(), value.to_owned())),
+            _ => Err(Stop::BadInput(format!("--define: {pair:?} is not NAME=VALUE"))),
+        });
+        let defaults: Vec<(String, String)> = defaults.collect::<Result<_, _>>()?;
+        Scene::read_with(path, variant, &defaults).map_err(Stop::bad_input)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_of_angles_take_numbers_and_ranges() {
+        let angles = |list| incident_deg(Some(list)).unwrap();
+        assert_eq!(angles("0:90:30,45,30"), [0.0, 30.0, 45.0, 60.0, 90.0]);
+        assert_eq!(angles("89.9"), [89.9]);
+    }
+}

@@ -1,0 +1,56 @@
+//! Errors of the library as the tool's: its options become flags.
+
+use bake_brdf::bake::BakeError;
+use bake_brdf::plan::PlanError;
+use bake_brdf::spectra::SpectraError;
+use terminal::Stop;
+
+/// Why there is no table.
+pub(crate) fn refuse(error: BakeError) -> Stop {
+    match error {
+        BakeError::Interrupted => Stop::failure(error),
+        BakeError::Option { field, why } => Stop::BadInput(format!("--{}: {why}", field.replace('_', "-"))),
+        // These lines begin with the option at fault.
+        BakeError::Effects(_)
+        | BakeError::Spectra(SpectraError::Required { .. })
+        | BakeError::Doubling(_) => Stop::BadInput(format!("--{error}")),
+        _ => Stop::bad_input(error),
+    }
+}
+
+/// Why there is no plan.
+pub(crate) fn refuse_plan(error: PlanError) -> Stop {
+    match refuse(error.why) {
+        Stop::BadInput(line) => Stop::BadInput(format!("{}{line}", error.place)),
+        other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bake_brdf::bake::{Bands, Request, doubling};
+    use bake_brdf::options::{Options, Sides, SolverChoice, Target};
+    use bake_brdf::recipe::Recipe;
+
+    #[test]
+    fn options_at_fault_are_named_as_flags() {
+        let line = |options: Options| {
+            let request = Request::new(Recipe::default(), options).unwrap();
+            let refused = doubling(&request, &Bands::own(&request.recipe)).unwrap_err();
+            let Stop::BadInput(line) = refuse(refused) else { panic!("not bad input") };
+            line
+        };
+        let default = Options::default;
+        for (options, start) in [
+            (Options { incident_deg: vec![91.0], ..default() }, "--incident-deg: 91 "),
+            (Options { target: Target::AccuracyPercent(0.0), ..default() }, "--accuracy: 0 "),
+            (Options { target: Target::Paths(9), ..default() }, "--solver: doubling "),
+            (Options { event_cap: 0, ..default() }, "--event-cap: 0 "),
+            (Options { sides: Sides::Both, solver: Some(SolverChoice::Walk), ..default() }, "--both-sides: "),
+        ] {
+            let line = line(options);
+            assert!(line.starts_with(start) && line.contains("expected"), "{line}");
+        }
+    }
+}
