@@ -1,12 +1,13 @@
-//! Time of eval, pdf and sample on one thread: a pair at a call, and 1024 pairs at a call (the rate is per pair).
+//! Time of a change of controls, and of eval, pdf and sample on one thread: a pair at a call, and 1024 pairs at a call (the rate is per pair).
 
 #[path = "../../lut-io/tests/specimen/mod.rs"]
 mod specimen;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use pearl_bsdf::{Controls, Direction, Evaluation, PearlBsdf};
+use pearl_bsdf::{Controls, Direction, Evaluation, PearlBsdf, Prepared};
 use rand::{RngExt as _, SeedableRng as _};
 use std::hint::black_box;
+use std::sync::Arc;
 
 fn directions(seed: u64) -> Vec<Direction> {
     let mut random = rand::rngs::StdRng::seed_from_u64(seed);
@@ -26,8 +27,11 @@ fn bench(criterion: &mut Criterion) {
     let tables =
         [("decay", specimen::plane(&incidences, 128)), ("space", specimen::space(&incidences, 64, 48))];
     for (name, table) in tables {
-        let bsdf = PearlBsdf::from_table(table, plain).expect("the made-up table is one");
+        let prepared = Arc::new(Prepared::new(table).expect("the made-up table is one"));
+        let look = || PearlBsdf::new(Arc::clone(&prepared), plain).expect("there are no colours to ask for");
+        let bsdf = look();
         let mut group = criterion.benchmark_group(name);
+        group.bench_function("controls", |b| b.iter(|| black_box(look())));
         let mut i = 0;
         let mut next = move || {
             i = (i + 1) % 1024;

@@ -1,6 +1,6 @@
 //! What an artist sets.
 
-use lut_io::spectra::{self, Spectra};
+use lut_io::spectra;
 use lut_io::table::Meta;
 
 /// The artist's controls; colours are linear sRGB.
@@ -89,10 +89,7 @@ pub enum BsdfError {
         value: f64,
     },
     /// A control asks for a part that the table does not have.
-    #[error(
-        "{control}: is {value}, but the table has no {effect} colours{reason}: make it with \
-         `bake-brdf RECIPE --effects all -o FILE`, or set {control} to 0"
-    )]
+    #[error("{control}: is {value}, expected 0: the table has no {effect} colours{}", in_brackets(reason))]
     NoSpectra {
         /// Name of the control.
         control: &'static str,
@@ -100,12 +97,16 @@ pub enum BsdfError {
         value: f64,
         /// Effect that was not baked: `coherent` or `emission`.
         effect: &'static str,
-        /// Why the bake left it out, in brackets, or empty.
+        /// Why the bake left it out; empty if the table does not say.
         reason: String,
     },
     /// The table itself is not valid.
     #[error(transparent)]
     Table(#[from] lut_io::FieldError),
+}
+
+fn in_brackets(reason: &str) -> String {
+    if reason.is_empty() { String::new() } else { format!(" ({reason})") }
 }
 
 impl Controls {
@@ -131,23 +132,6 @@ impl Controls {
             controls.coherence = 0.0;
         }
         controls
-    }
-
-    /// Checks that the table has the colours that the controls ask for.
-    pub(crate) fn check_against(&self, meta: &Meta, spectra: Option<&Spectra>) -> Result<(), BsdfError> {
-        let has_coherent = spectra.is_some_and(|s| s.coherent.is_some());
-        let has_emission = spectra.is_some_and(|s| s.emission.is_some());
-        for (control, value, effect, has) in [
-            ("depth", self.depth, "emission", has_emission),
-            ("coherence", self.coherence, "coherent", has_coherent),
-        ] {
-            if value > 0.0 && !has {
-                let why = meta.extra.get("spectra_missing").and_then(|missing| missing[effect].as_str());
-                let reason = why.map_or_else(String::new, |why| format!(" ({why})"));
-                return Err(BsdfError::NoSpectra { control, value, effect, reason });
-            }
-        }
-        Ok(())
     }
 
     /// Checks every range.

@@ -16,31 +16,28 @@
 //! - the base is divided by ρ·[(1 − depth) + depth·Ê(view)] where that exceeds 1, so that neither what it sends out in all nor
 //!   what a viewer sees of a white surrounding is more than it receives.
 //!
-//! [`PearlBsdf`] is the entry. Nothing is allocated in `eval`, `pdf` and `sample`, nor in `eval_many`, `pdf_many` and `sample_many`, which
-//! answer for many pairs at a call in about half the time a pair, with the same bits.
+//! [`Prepared`] is a table made ready, once for all looks; [`PearlBsdf`] is a prepared table with [`Controls`]. Nothing is
+//! allocated in `eval`, `pdf` and `sample`, nor in `eval_many`, `pdf_many` and `sample_many`, which answer for many pairs at a
+//! call in about half the time a pair, with the same bits.
 
-mod angles;
-mod azimuth;
-mod bsdf;
-mod colour;
 mod controls;
-mod curve;
+mod eval;
 mod facets;
-mod lanes;
+mod lobes;
 pub mod measured;
-mod normal;
-mod quadrature;
+mod numerics;
+mod prepare;
 pub mod round_trip;
-mod single;
+mod sample;
 #[cfg(test)]
 #[path = "../../lut-io/tests/specimen/mod.rs"]
 mod specimen;
-mod tabulated;
-mod warp;
 
-pub use bsdf::{Evaluation, PearlBsdf, Sample};
 pub use controls::{BsdfError, Components, Controls};
+pub use eval::{Evaluation, PearlBsdf};
 pub use facets::MIN_SLOPE_SD;
+pub use prepare::{Array, Prepared};
+pub use sample::Sample;
 
 /// A unit vector, or a linear sRGB triple where that is said.
 pub type Direction = [f64; 3];

@@ -113,7 +113,7 @@ impl Channels {
 /// those that are needed. A stop band is narrower than two bands, so that a look with coherence needs nearly all.
 #[must_use]
 pub fn wavelengths_nm(bsdf: &PearlBsdf) -> Vec<f64> {
-    let bands = bsdf.band_centres_nm();
+    let bands = bsdf.prepared().wavelengths_nm();
     let Some(last) = bands.len().checked_sub(1).filter(|last| *last > 0) else { return PLAIN_NM.to_vec() };
     // Mirror direction, the flank of the lobe, and the base alone, every 5°.
     let pairs = (0..18).flat_map(|i| [0.0, 8.0, 40.0].map(|off| (5.0 * f64::from(i), off)));
@@ -141,7 +141,7 @@ fn worst_band(bands: &[f64], spectra: &[Vec<f64>], kept: &[usize]) -> Option<(f6
     let nodes: Vec<f64> = kept.iter().map(|band| bands[*band]).collect();
     let missed = |spectrum: &Vec<f64>| -> Vec<f64> {
         let values: Vec<f64> = kept.iter().map(|band| spectrum[*band]).collect();
-        let read = |nm: &f64| crate::bsdf::at_wavelength(&nodes, &values, *nm);
+        let read = |nm: &f64| crate::eval::at_wavelength(&nodes, &values, *nm);
         bands.iter().zip(spectrum).map(|(nm, truth)| (read(nm) - truth).abs()).collect()
     };
     let all: Vec<Vec<f64>> = spectra.iter().map(missed).collect();
@@ -415,7 +415,7 @@ impl Reader {
         let values = self.eval(wi, wo);
         wavelengths_nm
             .iter()
-            .map(|nm| crate::bsdf::at_wavelength(&self.wavelengths_nm, &values, *nm))
+            .map(|nm| crate::eval::at_wavelength(&self.wavelengths_nm, &values, *nm))
             .collect()
     }
 

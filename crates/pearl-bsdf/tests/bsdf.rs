@@ -603,13 +603,13 @@ fn a_dispersed_lobe_is_sampled_without_bias_and_reflects_no_more_than_it_receive
 }
 
 #[test]
-fn controls_that_cannot_be_met_say_what_would_help() {
-    let table = specimen::plane(&[0.0, 45.0, 90.0], 16);
-    let error = PearlBsdf::from_table(table.clone(), Controls::default()).unwrap_err();
-    assert!(
-        matches!(error, BsdfError::NoSpectra { control: "depth", .. })
-            && error.to_string().contains("bake-brdf")
-    );
+fn controls_that_cannot_be_met_say_what_would_be_right() {
+    let mut table = specimen::plane(&[0.0, 45.0, 90.0], 16);
+    let error = |table: &Table| PearlBsdf::from_table(table.clone(), Controls::default()).unwrap_err();
+    let (unsaid, words) = (error(&table), "depth: is 0.5, expected 0: the table has no emission colours");
+    assert!(matches!(unsaid, BsdfError::NoSpectra { control: "depth", .. }) && unsaid.to_string() == words);
+    table.meta.extra.insert("spectra_missing".to_owned(), serde_json::json!({ "emission": "no layers" }));
+    assert_eq!(error(&table).to_string(), format!("{words} (no layers)"));
     let controls = Controls { brightness: 1.5, depth: 0.0, coherence: 0.0, ..Controls::default() };
     let error = PearlBsdf::from_table(table, controls).unwrap_err().to_string();
     assert!(error.starts_with("brightness: 1.5") && !error.contains('\n'), "{error}");

@@ -1,7 +1,7 @@
 //! Arguments of `pearl`.
 
 use clap::{Args, Parser, Subcommand};
-use pearl_bsdf::{Components, Controls, PearlBsdf};
+use pearl_bsdf::{BsdfError, Components, Controls, PearlBsdf};
 use std::path::PathBuf;
 use terminal::Stop;
 
@@ -164,7 +164,14 @@ impl Pearl {
                 })?;
         }
         change(&mut controls);
-        PearlBsdf::from_table(table, controls)
-            .map_err(|error| Stop::bad_input(format!("{}: {error}", self.table.display())))
+        PearlBsdf::from_table(table, controls).map_err(|error| {
+            let advice = match &error {
+                BsdfError::NoSpectra { control, .. } => {
+                    format!("; `bake-brdf RECIPE --effects all -o FILE` bakes them, or pass --{control} 0")
+                }
+                _ => String::new(),
+            };
+            Stop::bad_input(format!("{}: {error}{advice}", self.table.display()))
+        })
     }
 }

@@ -1,7 +1,7 @@
 //! The facets of many pairs at once.
 
 use super::{Ends, FAR, Facets, facet_between, limits, reflected};
-use crate::lanes::{Directions, LANES, Lane, each};
+use crate::numerics::lanes::{Directions, LANES, Lane, each};
 
 /// [`Ends`] of every lane, with the probabilities of more than them.
 pub(crate) struct Ranges {

@@ -1,7 +1,7 @@
 //! The decay postulate for evaluation and sampling, in y = |sin(φ/2)|, which keeps its digits for narrow lobes.
 
-use crate::angles::{INVERSE_TAU, greatest, least, turned};
-use crate::single::{exp, exp_each, ln};
+use crate::numerics::angles::{INVERSE_TAU, greatest, least, turned};
+use crate::numerics::single::{exp, exp_each, ln};
 
 /// D(φ) of [`lut_io::decay`] at concentration x, from y² = sin²(φ/2).
 #[inline(always)]

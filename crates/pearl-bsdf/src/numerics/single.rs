@@ -1,7 +1,7 @@
 //! Elementary functions in single precision, where a part in a million is enough: positions between cells, and all that is read
 //! there or multiplies it. Twice as many fit into a vector as of double precision, and roots and quotients take less time.
 
-use crate::angles::{greatest, least};
+use crate::numerics::angles::{greatest, least};
 use std::f32::consts::{LN_2, LOG2_E};
 
 /// 1.5·2^23: added to a smaller number, rounds it to a whole one.
@@ -60,7 +60,7 @@ pub(crate) fn asinh<const N: usize>(x: [f32; N]) -> [f32; N] {
     arc
 }
 
-/// The angle in [0, π/2] of a sine and a cosine, as [`crate::angles::angle`].
+/// The angle in [0, π/2] of a sine and a cosine, as [`crate::numerics::angles::angle`].
 #[inline(always)]
 pub(crate) fn angle(sin: f32, cos: f32) -> f32 {
     let inverse = 0.5 / (1.0 + cos);

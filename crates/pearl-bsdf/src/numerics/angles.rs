@@ -1,5 +1,5 @@
 //! Elementary functions where evaluation spends its time: without branches that random directions would mispredict, and as exact as
-//! angles in narrow lobes need (a part in 1e12). What is read with them takes those of [`crate::single`].
+//! angles in narrow lobes need (a part in 1e12). What is read with them takes those of [`crate::numerics::single`].
 
 use crate::Direction;
 use std::f64::consts::{FRAC_PI_2, TAU};

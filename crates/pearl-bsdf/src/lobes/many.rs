@@ -1,24 +1,24 @@
 //! The lobes of many pairs at once.
 
-use super::{Along, Between, COMPONENTS, DENSITIES, Found, OUTSIDE, Tabulated};
+use super::{Along, Between, DENSITIES, Lobes};
 use super::{
     azimuth_of, concentration_of_sine, densities_of_plane, fraction_of_span, guide_step, restore, restored,
-    scale_of_space, side_of,
+    scale_of_space,
 };
-use crate::angles::{self, INVERSE_TAU, turned};
-use crate::azimuth::{self, Forward, NARROW, narrow_decay};
-use crate::lanes::{Directions, LANES, Lane, Single, Steps, each, put};
-use crate::warp::{Cell, Warp};
+use crate::lobes::azimuth::{self, Forward, NARROW, narrow_decay};
+use crate::numerics::angles::{self, INVERSE_TAU};
+use crate::numerics::lanes::{Directions, LANES, Lane, Single, Steps, each, put};
+use crate::numerics::warp::{Cell, Warp};
 
-/// The table at the incidences of every lane.
+/// The lobes at the incidences of every lane.
 pub(crate) struct Incidences {
-    between: [Between; LANES],
+    pub(crate) between: [Between; LANES],
     along: [Along; LANES],
     /// Of the columns' axis: centre, and gains on either side.
     centre: Lane,
     gains: [Single; 2],
     /// As in [`super::Incidence`].
-    azimuth: Single,
+    pub(crate) azimuth: Single,
 }
 
 /// Cells around an exit, with dposition/dx there.
@@ -34,7 +34,7 @@ impl Cells {
     }
 }
 
-impl Tabulated {
+impl Lobes {
     /// [`Self::incidence`] of every lane.
     #[inline(always)]
     pub(crate) fn incidences(&self, at: &Directions) -> Incidences {
@@ -84,129 +84,6 @@ impl Tabulated {
             each!(sin = sin, cos = cos, moved = moved => [self.row_width(sin, cos, moved)])
         };
         Incidences { between, along, centre, gains, azimuth }
-    }
-
-    /// [`Self::sample`] of every lane whose component is one of the table: cos θo, sin θo, cos φ, sin φ.
-    #[inline(always)]
-    pub(crate) fn exits(
-        &self,
-        at: &Incidences,
-        component: &[usize; LANES],
-        [select, u, v]: &[Lane; 3],
-    ) -> [Lane; 4] {
-        // The lanes that look something up come first: no branch for the others.
-        let (mut wanted, mut count) = ([0; LANES], 0);
-        for (k, component) in component.iter().enumerate() {
-            wanted[count] = k;
-            count += usize::from(*component < COMPONENTS.len());
-        }
-        let wanted = &wanted[..count];
-        let (mut node, mut left) = ([0; LANES], [0.0; LANES]);
-        for &k in wanted {
-            (node[k], left[k]) = self.choose_node(component[k], at.between[k], select[k]);
-        }
-        if self.signed() {
-            let s = self.at_columns(at, &self.columns_of(wanted, component, &node, u));
-            self.exits_of_plane(&at.azimuth, &s, &left, v)
-        } else {
-            let [side, v] = each!(v = v => {
-                let (side, v) = side_of(v);
-                [side, v]
-            });
-            let mut found = [[0.0; LANES]; 4];
-            for &k in wanted {
-                put(&mut found, k, self.find_row(component[k], node[k], v[k]).parts());
-            }
-            let around = positions(&found);
-            let mut row = [0; LANES];
-            for &k in wanted {
-                (row[k], left[k]) = self.choose_row(component[k], node[k], around[k], left[k]);
-            }
-            let column = self.columns_of(wanted, component, &row, u);
-            let mut area = [OUTSIDE; LANES];
-            let mut cap_edge = [0.0; LANES];
-            for (k, edge) in cap_edge.iter_mut().enumerate() {
-                *edge = self.cap_edge(&self.columns_in(at, k));
-            }
-            for &k in wanted {
-                if column[k] < cap_edge[k] {
-                    area[k] = self.cap_area(component[k], row[k], cap_edge[k], u[k]);
-                }
-            }
-            let [around] = each!(side = side, around = around => [side * around]);
-            self.exits_of_space(&at.azimuth, &self.at_columns(at, &column), &around, &left, &area)
-        }
-    }
-
-    /// Positions at which uniform numbers fall in rows.
-    #[inline(always)]
-    fn columns_of(
-        &self,
-        wanted: &[usize],
-        component: &[usize; LANES],
-        row: &[usize; LANES],
-        u: &Lane,
-    ) -> Lane {
-        let mut found = [[0.0; LANES]; 4];
-        for &k in wanted {
-            put(&mut found, k, self.find(component[k], row[k], u[k]).parts());
-        }
-        positions(&found)
-    }
-
-    /// Angles at positions in the columns.
-    #[inline(always)]
-    fn at_columns(&self, at: &Incidences, column: &Lane) -> Lane {
-        let mut x = [0.0; LANES];
-        for (k, x) in x.iter_mut().enumerate() {
-            *x = self.columns_in(at, k).at(column[k]);
-        }
-        x
-    }
-
-    #[inline(always)]
-    fn columns_in(&self, at: &Incidences, lane: usize) -> Warp {
-        self.some_columns.recentred(at.centre[lane], [at.gains[0][lane], at.gains[1][lane]])
-    }
-
-    #[inline(always)]
-    fn exits_of_plane(&self, azimuth: &Single, s: &Lane, left: &Lane, v: &Lane) -> [Lane; 4] {
-        let [cos, sin] = each!(s = s, left = left => {
-            let (cos, sin) = turned(self.theta_of_plane(s, left) * INVERSE_TAU);
-            [cos, sin]
-        });
-        let [narrow, k, tanh_k] = each!(azimuth = azimuth, s = s, sin = sin => {
-            let Forward { narrow, k, tanh_k } = Forward::new(self.concentration_at(azimuth, s, sin));
-            [narrow, k, tanh_k]
-        });
-        let [cos_phi, sin_phi] = each!(narrow = narrow, k = k, tanh_k = tanh_k, v = v => {
-            let (cos, sin) = Forward { narrow, k, tanh_k }.sample(v);
-            [cos, sin]
-        });
-        [cos, sin, cos_phi, sin_phi]
-    }
-
-    #[inline(always)]
-    fn exits_of_space(
-        &self,
-        azimuth: &Single,
-        theta: &Lane,
-        around: &Lane,
-        left: &Lane,
-        area: &Lane,
-    ) -> [Lane; 4] {
-        let [turn] = each!(azimuth = azimuth, around = around, left = left, area = area => {
-            [self.turn_of_space(azimuth, around, left, area)]
-        });
-        let [cos, sin] = each!(theta = theta, area = area => {
-            let (cos, sin) = turned(self.theta_of_space(theta, area) * INVERSE_TAU);
-            [cos, sin]
-        });
-        let [cos_phi, sin_phi] = each!(turn = turn => {
-            let (cos, sin) = turned(turn);
-            [cos, sin]
-        });
-        [cos, sin, cos_phi, sin_phi]
     }
 
     /// Values of [`Self::light`] of every lane: interior and rehit.
@@ -352,6 +229,12 @@ impl Tabulated {
         self.per_steradian(at.between[lane], &at.along[lane], of_cells, scale, sin_o)
     }
 
+    /// The columns at the incidence of a lane.
+    #[inline(always)]
+    pub(crate) fn columns_in(&self, at: &Incidences, lane: usize) -> Warp {
+        self.some_columns.recentred(at.centre[lane], [at.gains[0][lane], at.gains[1][lane]])
+    }
+
     /// Where exits at `side`·θo are among the columns.
     #[inline(always)]
     fn column_cells(&self, at: &Incidences, theta_o: &Lane, side: f64) -> Cells {
@@ -362,23 +245,6 @@ impl Tabulated {
         });
         cells(&position, per_x, self.columns)
     }
-}
-
-impl Found {
-    #[inline(always)]
-    const fn parts(&self) -> [f64; 4] {
-        let Self { base, density: [a, b], rest } = *self;
-        [base, a, b, rest]
-    }
-}
-
-/// [`Found::position`] of every lane.
-#[inline(always)]
-fn positions([base, a, b, rest]: &[Lane; 4]) -> Lane {
-    let [position] = each!(base = base, a = a, b = b, rest = rest => {
-        [Found { base, density: [a, b], rest }.position()]
-    });
-    position
 }
 
 /// The cells around positions.

@@ -1,7 +1,7 @@
 //! [`Stretched`] axes prepared for one incidence, for evaluation in few operations.
 
-use crate::angles::{greatest, least};
-use crate::single::{asinh, exp, ln, step_of};
+use crate::numerics::angles::{greatest, least};
+use crate::numerics::single::{asinh, exp, ln, step_of};
 use lut_io::axis::Stretched;
 
 /// The axis x = c ± w·sinh(·) with its constants worked out.

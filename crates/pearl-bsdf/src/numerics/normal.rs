@@ -1,7 +1,7 @@
 //! Tails of the standard normal distribution, and the other way.
 
-use crate::angles::{greatest, least};
-use crate::single::{exp, ln};
+use crate::numerics::angles::{greatest, least};
+use crate::numerics::single::{exp, ln};
 
 /// P(X > x), relative error 2e-6 for x ≥ 0 until it is 0 at x > 13.
 #[inline(always)]

@@ -8,10 +8,10 @@
 pub(crate) mod many;
 
 use crate::Direction;
-use crate::angles::{Polar, greatest, least};
-use crate::normal::{of_upper_tail, upper_tail};
-use crate::quadrature::gauss_legendre;
-use crate::single::exp;
+use crate::numerics::angles::{Polar, greatest, least};
+use crate::numerics::normal::{of_upper_tail, upper_tail};
+use crate::numerics::quadrature::gauss_legendre;
+use crate::numerics::single::exp;
 use lut_io::table::SurfaceModel;
 use std::f64::consts::TAU;
 
@@ -33,10 +33,10 @@ pub(crate) struct Facets {
     exponent: f64,
     peak: f64,
     /// Index of the first layer over that of the ambient.
-    index_ratio: f32,
+    pub(crate) index_ratio: f32,
     inverse_ratio2: f32,
     /// Whether facets are met in proportion to their projected area.
-    visible: bool,
+    pub(crate) visible: bool,
 }
 
 /// wi and wo with what both lobes need of their half vector.

@@ -2,9 +2,9 @@
 //! compiler turns it into vector instructions, and the results are the same bits whatever their width.
 
 use crate::Direction;
-use crate::angles::Polar;
-use crate::curve::{Place, STEPS};
-use crate::single::step_of;
+use crate::numerics::angles::Polar;
+use crate::numerics::curve::{Place, STEPS};
+use crate::numerics::single::step_of;
 
 /// Pairs handled together.
 pub(crate) const LANES: usize = 16;
@@ -17,10 +17,10 @@ pub(crate) type Single = [f32; LANES];
 /// closure: large closures are not inlined, and a call in a loop keeps it from being vectorised.
 macro_rules! each {
     ($($x:ident = $lane:expr),+ => $step:expr) => {{
-        let mut made = [[0.0; $crate::lanes::LANES]; _];
-        for k in 0..$crate::lanes::LANES {
+        let mut made = [[0.0; $crate::numerics::lanes::LANES]; _];
+        for k in 0..$crate::numerics::lanes::LANES {
             $(let $x = $lane[k];)+
-            $crate::lanes::put(&mut made, k, $step);
+            $crate::numerics::lanes::put(&mut made, k, $step);
         }
         made
     }};

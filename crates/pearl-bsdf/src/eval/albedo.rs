@@ -1,0 +1,53 @@
+//! Directional albedos, by quadrature.
+
+use super::colours::Viewer;
+use super::{AtBand, PearlBsdf};
+use crate::facets::Rules;
+use crate::lobes::integral::{self, FINE};
+use crate::numerics::curve::{Curve, Place};
+
+impl PearlBsdf {
+    /// Directional albedo at θi (radians, below π/2) of each component, shown or not, linear sRGB, in the order of
+    /// [`Components::NAMES`]: the integral of [`Self::eval`] over the exit hemisphere, by quadrature.
+    #[must_use]
+    pub fn directional_albedo(&self, theta_i: f64) -> [[f64; 3]; 4] {
+        self.albedo(theta_i, Viewer::AtExit)
+    }
+
+    /// What a viewer at θ (radians, below π/2) sees of a white surrounding, component by component like
+    /// [`Self::directional_albedo`]: the integral of [`Self::eval_seen`] over the light. The lobes are the same.
+    #[must_use]
+    pub fn directional_albedo_seen(&self, theta: f64) -> [[f64; 3]; 4] {
+        self.albedo(theta, Viewer::AtIncidence)
+    }
+
+    fn albedo(&self, theta_i: f64, viewer: Viewer) -> [[f64; 3]; 4] {
+        let of = |band: AtBand<'_>| band.albedo(theta_i, viewer, &self.prepared.mean_weights);
+        if self.is_dispersed() { self.mixed(of) } else { of(self.own()) }
+    }
+}
+
+impl AtBand<'_> {
+    fn albedo(&self, theta_i: f64, viewer: Viewer, mean_weights: &Curve) -> [[f64; 3]; 4] {
+        let cos_i = theta_i.cos();
+        let at_i = Place::of_cos(cos_i);
+        let (mut mirror, mut blur) = ([0.0; 3], [0.0; 3]);
+        let add = |sum: &mut [f64; 3], mass: f64, cos_d: f64| {
+            let factor = self.rgb.lobe_factor(at_i, Place::of_cos(cos_d));
+            (0..3).for_each(|c| sum[c] += mass * factor[c]);
+        };
+        self.band.facets.integrate_exits(&Rules::new(), cos_i, |mass, cos_d, cos_o| {
+            let scale = self.mirror_factor(at_i, Place::of_cos(cos_o), cos_o);
+            add(&mut mirror, mass * scale, cos_d);
+        });
+        integral::integrate(&self.band.lobes, theta_i, FINE, |cos_d, [interior, rehit]| {
+            add(&mut mirror, rehit, cos_d);
+            add(&mut blur, interior, cos_d);
+        });
+        let [diffuse, incoherent] = match viewer {
+            Viewer::AtExit => self.rgb.base_albedo(at_i, mean_weights),
+            Viewer::AtIncidence => self.rgb.base_albedo_seen(at_i),
+        };
+        [diffuse, incoherent, mirror, blur]
+    }
+}

@@ -1,0 +1,225 @@
+//! Colours of the lobes and of the base, channel by channel: linear sRGB, and the bands of the interference colours.
+
+use super::{Band, Prepared};
+use crate::facets::{Facets, Rules};
+use crate::lobes::Lobes;
+use crate::lobes::integral::{self, COARSE};
+use crate::numerics::curve::{self, Curve, NODES, Place, STEPS};
+use crate::numerics::quadrature::Spline;
+use lut_io::lobe::Interpolant;
+use lut_io::monotone::Monotone;
+use lut_io::reciprocal;
+use lut_io::spectra::Spectra;
+use lut_io::table::Component;
+use rayon::prelude::*;
+use std::f64::consts::FRAC_PI_2;
+
+/// Incidences at which the half-vector angles of the lobes are tallied: every eighth node of [`curve`], at most a degree apart and
+/// closer towards the horizon, where lobes change faster.
+const TALLIES: usize = STEPS / STEPS_PER_TALLY + 1;
+const STEPS_PER_TALLY: usize = 8;
+
+/// Channels of one kind, of all bands.
+#[derive(Clone, Debug)]
+pub(crate) struct Channels {
+    /// Wavelengths, nm, ascending; empty for linear sRGB.
+    pub(crate) wavelength_nm: Vec<f64>,
+    /// What makes the reflectance of a channel from a colour in linear sRGB: the scalar product with these.
+    pub(crate) reflectance: Vec<[f64; 3]>,
+    /// Ê over the viewing angle.
+    pub(crate) emission: Vec<Curve>,
+}
+
+/// One channel of the lobes of a band.
+#[derive(Clone, Debug)]
+pub(crate) struct Coloured {
+    /// M over θd.
+    pub(crate) modulation: Curve,
+    /// Light over θi where M is the colour of the lobes.
+    pub(crate) light: Light,
+}
+
+/// What becomes of the light over θi.
+#[derive(Clone, Debug)]
+pub(crate) struct Light {
+    /// Albedos of interior, rehit and the single reflection.
+    pub(crate) albedo: [Curve; 3],
+    /// 1 less their sum, which may be negative.
+    pub(crate) rest: Curve,
+}
+
+/// What the channels are.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Kind {
+    Rgb,
+    Spectral,
+}
+
+impl Channels {
+    /// Those of a table; one for all wavelengths where it has no interference colours.
+    pub(super) fn new(kind: Kind, spectra: Option<&Spectra>, own_nm: f64) -> Self {
+        let (wavelength_nm, reflectance) = match (kind, spectra) {
+            (Kind::Rgb, _) => (Vec::new(), vec![[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+            (Kind::Spectral, None) => (vec![own_nm], vec![[1.0 / 3.0; 3]]),
+            (Kind::Spectral, Some(spectra)) => {
+                let nm = &spectra.wavelength_nm;
+                (nm.clone(), nm.iter().map(|nm| reflectance(*nm)).collect())
+            }
+        };
+        let emission = spectra.and_then(|spectra| spectra.emission.as_ref()).map(|emission| match kind {
+            Kind::Rgb => over_nodes(&emission.theta_deg, &emission.radiance_rgb),
+            Kind::Spectral => over_nodes(&emission.theta_deg, &emission.radiance),
+        });
+        let one = || vec![vec![1.0; NODES]; reflectance.len()];
+        let emission =
+            emission.unwrap_or_else(one).iter().map(|values| curve::curve(|k| values[k])).collect();
+        Self { wavelength_nm, reflectance, emission }
+    }
+
+    /// How many there are.
+    pub(crate) const fn count(&self) -> usize {
+        self.reflectance.len()
+    }
+}
+
+/// Spectral reflectance of the primaries of linear sRGB: red above 580 nm, green 490 to 580 nm, blue below, joined by
+/// ramps of 30 nm. Grey is flat, and nothing leaves the range of the channels, which is what energy needs.
+fn reflectance(nm: f64) -> [f64; 3] {
+    let ramp = |centre: f64| ((nm - centre) / 30.0 + 0.5).clamp(0.0, 1.0);
+    let (green_on, red_on) = (ramp(490.0), ramp(580.0));
+    [red_on, green_on - red_on, 1.0 - green_on]
+}
+
+/// Every channel of stored rows of colours at the nodes of [`curve`].
+fn over_nodes<R: AsRef<[f64]>>(theta_deg: &[f64], rows: &[R]) -> Vec<Vec<f64>> {
+    let theta: Vec<f64> = theta_deg.iter().map(|theta| theta.to_radians()).collect();
+    let channel = |c: usize| {
+        let stored = Monotone::new(theta.clone(), rows.iter().map(|row| row.as_ref()[c]).collect());
+        (0..NODES).map(|node| stored.at(curve::theta_at(node))).collect()
+    };
+    (0..rows[0].as_ref().len()).map(channel).collect()
+}
+
+/// What the lobes of a band do to the light of every colour.
+pub(super) struct Means {
+    /// Albedos over the nodes: interior, rehit, single reflection.
+    albedo: [Vec<f64>; 3],
+    /// Where the lobes' light has its half-vector angles: per tallied incidence, for each of the three, a histogram over the nodes of
+    /// [`curve`] whose sum is 1 (or 0 without light).
+    half_angles: Vec<[Vec<f64>; 3]>,
+}
+
+impl Means {
+    pub(super) fn new(
+        lobe: &Interpolant,
+        light: Option<&reciprocal::Section>,
+        lobes: &Lobes,
+        facets: &Facets,
+        mirror: &Curve,
+    ) -> Self {
+        let rules = Rules::new();
+        let tally = |tally: usize| half_angles(facets, &rules, lobes, mirror, tally * STEPS_PER_TALLY);
+        let over_theta = |albedo: &dyn Fn(f64) -> f64| -> Vec<f64> {
+            (0..NODES).map(|node| albedo(curve::theta_at(node)).max(0.0)).collect()
+        };
+        let gain = |theta: f64| light.map_or([0.0; 2], |section| section.gain(theta));
+        Self {
+            albedo: [
+                over_theta(&|theta| lobe.albedo(Component::Interior, theta) + gain(theta)[0]),
+                over_theta(&|theta| lobe.albedo(Component::Rehit, theta) + gain(theta)[1]),
+                over_theta(&|theta| single_reflection_share(lobe, theta)),
+            ],
+            half_angles: (0..TALLIES).into_par_iter().map(tally).collect(),
+        }
+    }
+
+    /// Light where the colour of the lobes is this one over θd.
+    fn light(&self, colour: &[f64]) -> Light {
+        let albedo = [0, 1, 2].map(|part| {
+            let mean = |tally: &[Vec<f64>; 3]| -> f64 {
+                tally[part].iter().zip(colour).map(|(mass, colour)| mass * colour).sum()
+            };
+            let spline = Spline::new(self.half_angles.iter().map(mean).collect());
+            let at = |(node, albedo): (usize, &f64)| {
+                albedo * spline.at(node as f64 / STEPS_PER_TALLY as f64).max(0.0)
+            };
+            self.albedo[part].iter().enumerate().map(at).collect::<Vec<f64>>()
+        });
+        let [interior, rehit, single] = &albedo;
+        let rest = curve::curve(|node| 1.0 - (interior[node] + rehit[node] + single[node]));
+        Light { albedo: albedo.each_ref().map(|albedo| curve::curve(|node| albedo[node])), rest }
+    }
+
+    /// Light without colour.
+    pub(super) fn plain(&self) -> Light {
+        self.light(&[1.0; NODES])
+    }
+
+    /// Every channel of the band, whose light without colour is known.
+    pub(super) fn coloured(
+        &self,
+        kind: Kind,
+        spectra: Option<&Spectra>,
+        plain: &Light,
+        count: usize,
+    ) -> Vec<Coloured> {
+        let modulation = spectra.and_then(|spectra| spectra.coherent.as_ref()).map(|coherent| match kind {
+            Kind::Rgb => over_nodes(&coherent.theta_deg, &coherent.modulation_rgb),
+            Kind::Spectral => over_nodes(&coherent.theta_deg, &coherent.modulation),
+        });
+        let Some(modulation) = modulation else {
+            return vec![Coloured { modulation: curve::curve(|_| 1.0), light: plain.clone() }; count];
+        };
+        let channel =
+            |m: &Vec<f64>| Coloured { modulation: curve::curve(|node| m[node]), light: self.light(m) };
+        modulation.par_iter().map(channel).collect()
+    }
+}
+
+impl Prepared {
+    /// The channels of one kind.
+    pub(crate) const fn kind(&self, kind: Kind) -> &Channels {
+        match kind {
+            Kind::Rgb => &self.rgb,
+            Kind::Spectral => &self.spectral,
+        }
+    }
+}
+
+impl Band {
+    /// What the lobes have of the channels of one kind.
+    pub(crate) fn channels(&self, kind: Kind) -> &[Coloured] {
+        match kind {
+            Kind::Rgb => &self.rgb,
+            Kind::Spectral => &self.spectral,
+        }
+    }
+}
+
+/// Share of the light that interface 0 reflects at first meeting.
+pub(super) fn single_reflection_share(lobe: &Interpolant, theta: f64) -> f64 {
+    (lobe.albedo(Component::Surface, theta) - lobe.albedo(Component::Rehit, theta)).max(0.0)
+}
+
+/// Where the light of the lobes has its half-vector angles, at an incidence that is a node of [`curve`].
+fn half_angles(facets: &Facets, rules: &Rules, lobes: &Lobes, mirror: &Curve, node: usize) -> [Vec<f64>; 3] {
+    // At 90° no light arrives; its limit is what counts.
+    let theta_i = curve::theta_at(node).min(FRAC_PI_2 - 1e-6);
+    let [mut interior, mut rehit, mut single] = [0; 3].map(|_| vec![0.0; NODES]);
+    facets.integrate_exits(rules, theta_i.cos(), |mass, cos, cos_o| {
+        let seen = if lobes.reciprocal { Place::of_cos(cos_o).read(mirror) * cos_o } else { 1.0 };
+        Place::of_cos(cos).deposit(mass * seen, &mut single);
+    });
+    integral::integrate(lobes, theta_i, COARSE, |cos, [a, b]| {
+        Place::of_cos(cos).deposit(a, &mut interior);
+        Place::of_cos(cos).deposit(b, &mut rehit);
+    });
+    let mut tallies = [interior, rehit, single];
+    for tally in &mut tallies {
+        let total: f64 = tally.iter().sum();
+        if total > 0.0 {
+            tally.iter_mut().for_each(|mass| *mass /= total);
+        }
+    }
+    tallies
+}

@@ -1,0 +1,159 @@
+//! A table made ready for every renderer: all that depends neither on the pair of directions nor on the controls.
+//!
+//! Computed once, in double precision, and kept in single. [`Prepared::arrays`] gives all of it by name; `docs/ARRAYS.md` says
+//! what each array means, and evaluates the pearl from them in a page of arithmetic.
+
+mod arrays;
+pub(crate) mod channels;
+mod lobes;
+mod mirror;
+
+use crate::controls::{BsdfError, Controls};
+use crate::facets::{Facets, Rules};
+use crate::lobes::Lobes;
+use crate::numerics::curve::{self, Curve};
+pub use arrays::Array;
+use channels::{Channels, Coloured, Kind, Light, Means};
+use lut_io::dispersion::Dispersion;
+use lut_io::lobe::Interpolant;
+use lut_io::reciprocal;
+use lut_io::spectra::Spectra;
+use lut_io::table::Table;
+use std::sync::Arc;
+
+/// A table prepared for evaluation and sampling; shared by all pearls that look different because of their [`Controls`] alone.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    /// The lobe at each of its wavelengths; the first is the table's own, which is what is sampled.
+    pub(crate) bands: Vec<Band>,
+    /// Share of each band in the channels of linear sRGB.
+    pub(crate) rgb_weights: Vec<[f64; 3]>,
+    /// Wavelengths of the bands, nm, ascending, and their places among them.
+    pub(crate) by_wavelength: (Vec<f64>, Vec<usize>),
+    pub(crate) rgb: Channels,
+    pub(crate) spectral: Channels,
+    /// [`curve::mean_weights`].
+    pub(crate) mean_weights: Curve,
+    look: Controls,
+    /// Effects whose colours the table does not have, and why, if it says so.
+    missing: Vec<(&'static str, String)>,
+}
+
+/// The pearl at one wavelength of the lobes.
+#[derive(Clone, Debug)]
+pub(crate) struct Band {
+    pub(crate) wavelength_nm: f64,
+    pub(crate) lobes: Lobes,
+    pub(crate) facets: Facets,
+    /// Over θ: the closed-form reflection is multiplied by this at θi; of reciprocal tables also by this at θo and by cos θo.
+    pub(crate) mirror: Curve,
+    /// Light without colour.
+    pub(crate) plain: Light,
+    pub(crate) rgb: Vec<Coloured>,
+    pub(crate) spectral: Vec<Coloured>,
+}
+
+impl Prepared {
+    /// Prepares a table; takes tens of milliseconds a band (space tables more).
+    ///
+    /// # Errors
+    /// [`BsdfError::Table`] if the table is not valid.
+    pub fn new(table: impl Into<Arc<Table>>) -> Result<Self, BsdfError> {
+        let table = table.into();
+        table.validate()?;
+        let look = Controls::of(&table.meta);
+        let (rgb_weights, further) = match Dispersion::of(&table.meta)? {
+            Some(section) => (section.rgb_weights, table.further_bands()?),
+            None => (vec![[1.0; 3]], Vec::new()),
+        };
+        let spectra = Spectra::of(&table.meta)?;
+        let [rgb, spectral] = [Kind::Rgb, Kind::Spectral]
+            .map(|kind| Channels::new(kind, spectra.as_ref(), table.meta.wavelength_nm));
+        let reason = |effect: &str| {
+            let missing = table.meta.extra.get("spectra_missing");
+            missing.and_then(|missing| missing[effect].as_str()).unwrap_or_default().to_owned()
+        };
+        let has_coherent = spectra.as_ref().is_some_and(|spectra| spectra.coherent.is_some());
+        let has_emission = spectra.as_ref().is_some_and(|spectra| spectra.emission.is_some());
+        let missing = [("coherent", has_coherent), ("emission", has_emission)]
+            .into_iter()
+            .filter(|(_, has)| !has)
+            .map(|(effect, _)| (effect, reason(effect)))
+            .collect();
+        let mut bands = vec![Band::new(table, spectral.count())?];
+        for table in further {
+            bands.push(Band::new(table.into(), spectral.count())?);
+        }
+        let mut places: Vec<usize> = (0..bands.len()).collect();
+        places.sort_by(|a, b| bands[*a].wavelength_nm.total_cmp(&bands[*b].wavelength_nm));
+        let wavelengths = places.iter().map(|place| bands[*place].wavelength_nm).collect();
+        Ok(Self {
+            bands,
+            rgb_weights,
+            by_wavelength: (wavelengths, places),
+            rgb,
+            spectral,
+            mean_weights: curve::mean_weights(),
+            look,
+            missing,
+        })
+    }
+
+    /// The look of the recipe in the table; what the table has no colours for is 0.
+    #[must_use]
+    pub const fn look(&self) -> Controls {
+        self.look
+    }
+
+    /// Centres of the bands of the interference colours, nm; one for a table without them.
+    #[must_use]
+    pub fn wavelengths_nm(&self) -> &[f64] {
+        &self.spectral.wavelength_nm
+    }
+
+    /// Whether f(a → b) = f(b → a).
+    #[must_use]
+    pub fn is_reciprocal(&self) -> bool {
+        self.bands[0].lobes.reciprocal
+    }
+
+    /// Checks the ranges of the controls, and that there are the colours that they ask for.
+    ///
+    /// # Errors
+    /// The first control that cannot be met.
+    pub fn check(&self, controls: &Controls) -> Result<(), BsdfError> {
+        controls.check()?;
+        for (control, value, needed) in
+            [("depth", controls.depth, "emission"), ("coherence", controls.coherence, "coherent")]
+        {
+            let missing = self.missing.iter().find(|(effect, _)| value > 0.0 && *effect == needed);
+            if let Some((effect, reason)) = missing {
+                return Err(BsdfError::NoSpectra { control, value, effect, reason: reason.clone() });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Band {
+    /// Of a table's own wavelength; so many channels has a table without interference colours.
+    fn new(table: Arc<Table>, channels: usize) -> Result<Self, BsdfError> {
+        let spectra = Spectra::of(&table.meta)?;
+        let light = reciprocal::section(&table.meta)?;
+        let facets = Facets::new(&table.meta.surface_model);
+        let wavelength_nm = table.meta.wavelength_nm;
+        let lobe = Interpolant::new(table);
+        let lobes = Lobes::new(&lobe);
+        let rules = Rules::new();
+        let mirror = if lobes.reciprocal {
+            mirror::ends(&lobe, &facets, &rules)
+        } else {
+            mirror::scale(&lobe, &facets, &rules)
+        };
+        let means = Means::new(&lobe, light.as_ref(), &lobes, &facets, &mirror);
+        let plain = means.plain();
+        let rgb = means.coloured(Kind::Rgb, spectra.as_ref(), &plain, 3);
+        let spectral = means.coloured(Kind::Spectral, spectra.as_ref(), &plain, channels);
+        Ok(Self { wavelength_nm, lobes, facets, mirror, plain, rgb, spectral })
+    }
+}
