@@ -604,6 +604,7 @@ fn sheets_that_are_no_thin_films_are_refused() {
         (Sheets { index: 1.43, phase: 0.3, last: 1 }, "sheet 1 lies between indices 1.53 and 1.43"),
         (Sheets { index: 1.43, phase: 1.2, last: 0 }, "at most a quarter of a wave"),
         (Sheets { index: 1.43, phase: 0.3, last: 9 }, "below the last interface"),
+        (Sheets { index: 1.43, phase: 0.3, last: 0 }, "layers that are all alike"),
     ] {
         let stack = Transport { sheets: Some(sheets), ..stack.clone() };
         let line = Walker::new(&stack, Geometry::Plane, Precision::Auto, None).unwrap_err().to_string();

@@ -7,6 +7,7 @@
 mod draws;
 mod drive;
 mod event;
+mod kernel;
 mod real;
 mod simd;
 
@@ -14,10 +15,8 @@ use std::ops::Range;
 
 use self::draws::{Normal, Stream, TILT_REACH};
 use self::drive::Job;
-use self::event::{
-    ALTERNATING, CROSSING, Constants, EXPLICIT, Film, HALVINGS, PERIODIC, PLAIN, Problem, SHEETS, SPACE,
-    TRACKED, TRACKED_SHEETS,
-};
+use self::event::{CROSSING, Constants, Film, Problem};
+use self::kernel::{Layers, MIDDLE, Modes, SMALL, Shape, Sweep, WIDE};
 use self::real::Real;
 pub use self::simd::SimdLevel;
 use super::Exit;
@@ -107,26 +106,16 @@ const SLOPE_SD_MAX: f64 = 0.96;
 /// A stack made ready to be walked.
 #[derive(Clone, Debug)]
 pub struct Walker {
-    problem: Either,
-    variant: Variant,
+    prepared: Prepared,
+    light: Light,
+    absorbs: bool,
     level: SimdLevel,
 }
 
 #[derive(Clone, Debug)]
-enum Either {
-    F32(Problem<f32>),
-    F64(Problem<f64>),
-}
-
-/// The compile-time parameters of a kernel.
-#[derive(Clone, Copy, Debug)]
-struct Variant {
-    shape: u8,
-    visible: bool,
-    absorb: bool,
-    stack: u8,
-    event: u8,
-    light: Light,
+enum Prepared {
+    F32(Problem<f32>, Sweep<f32>),
+    F64(Problem<f64>, Sweep<f64>),
 }
 
 impl Walker {
@@ -141,13 +130,13 @@ impl Walker {
         level: Option<SimdLevel>,
     ) -> Result<Self, WalkError> {
         check(transport)?;
-        Self::of_stack(transport, stack(transport), geometry, precision, level)
+        Self::of_layers(transport, layers(transport), geometry, precision, level)
     }
 
-    /// [`Self::new`] of values that are in range, by the kernels for a kind of stack.
-    fn of_stack(
+    /// [`Self::new`] of values that are in range, by the kernels for a kind of layers.
+    fn of_layers(
         transport: &Transport,
-        stack: u8,
+        layers: Layers,
         geometry: Geometry,
         precision: Precision,
         level: Option<SimdLevel>,
@@ -156,44 +145,45 @@ impl Walker {
         if !level.is_supported() {
             return Err(WalkError::Simd(level));
         }
-        let sd = transport.facets.slope_sd;
-        let reaches = |&h: &u8| sd * Normal::MAX <= TILT_REACH * f64::from(1 << h);
-        let shape = match geometry {
-            Geometry::Space => SPACE,
-            Geometry::Plane => 1 + HALVINGS.into_iter().find(reaches).ok_or(WalkError::SlopeSd(sd))?,
-        };
-        let variant = Variant {
-            shape,
-            // A flat interface has one facet only.
-            visible: transport.facets.normals == Normals::Visible && sd > 0.0,
-            absorb: transport.absorbs(),
-            stack,
-            event: match (transport.light, &transport.sheets) {
-                (Light::Unpolarised, None) => PLAIN,
-                (_, None) => TRACKED,
-                (Light::Unpolarised, Some(_)) => SHEETS,
-                (_, Some(_)) => TRACKED_SHEETS,
-            },
-            light: transport.light,
-        };
         if transport.light != Light::Unpolarised && geometry == Geometry::Space {
             return Err(WalkError::TrackedInSpace);
         }
-        // Walks at sheets are compiled for 64 bits alone.
-        let precision = if transport.sheets.is_some() { Precision::F64 } else { precision };
-        let problem = match precision.resolve(transport) {
-            Precision::F64 => Either::F64(Problem::new(transport, stack, geometry)),
-            _ => Either::F32(Problem::new(transport, stack, geometry)),
+        let sheets = transport.sheets.is_some();
+        let precision = if sheets { Precision::F64 } else { precision.resolve(transport) };
+        let sd = transport.facets.slope_sd;
+        let most = sd * Normal::MAX;
+        let modes = Modes {
+            tracked: transport.light != Light::Unpolarised,
+            sheets,
+            shape: match geometry {
+                Geometry::Space => Shape::Space,
+                Geometry::Plane if precision == Precision::F64 || most > 4.0 * TILT_REACH => WIDE,
+                Geometry::Plane if most > TILT_REACH => MIDDLE,
+                Geometry::Plane => SMALL,
+            },
+            layers,
+            // A flat interface has one facet only.
+            visible: transport.facets.normals == Normals::Visible && sd > 0.0,
+            absorbs: transport.absorbs(),
         };
-        Ok(Self { problem, variant, level })
+        let modes = kernel::shared(modes, level);
+        let prepared = match precision {
+            Precision::F64 => kernel::wide(modes, level)
+                .map(|sweep| Prepared::F64(Problem::new(transport, modes.layers, geometry), sweep)),
+            _ => kernel::narrow(modes, level)
+                .map(|sweep| Prepared::F32(Problem::new(transport, modes.layers, geometry), sweep)),
+        };
+        let unlike = || WalkError::Sheets("coherent sheets must lie in layers that are all alike".to_owned());
+        let prepared = prepared.ok_or_else(unlike)?;
+        Ok(Self { prepared, light: transport.light, absorbs: transport.absorbs(), level })
     }
 
     /// The precision in use: F32 or F64.
     #[must_use]
     pub fn precision(&self) -> Precision {
-        match self.problem {
-            Either::F32(_) => Precision::F32,
-            Either::F64(_) => Precision::F64,
+        match self.prepared {
+            Prepared::F32(..) => Precision::F32,
+            Prepared::F64(..) => Precision::F64,
         }
     }
 
@@ -222,11 +212,12 @@ impl Walker {
             stream: Stream::new(seed, theta_i),
             paths,
             event_cap: event_cap.clamp(1, u32::MAX / CROSSING - 1),
-            light: self.variant.light,
+            light: self.light,
+            absorbs: self.absorbs,
         };
-        match &self.problem {
-            Either::F32(problem) => run(self.level, self.variant, problem, &job, out),
-            Either::F64(problem) => run(self.level, self.variant, problem, &job, out),
+        match &self.prepared {
+            Prepared::F32(problem, sweep) => drive::walk(problem, *sweep, &job, out),
+            Prepared::F64(problem, sweep) => drive::walk(problem, *sweep, &job, out),
         }
     }
 }
@@ -271,19 +262,25 @@ fn check_sheets(transport: &Transport, sheets: &Sheets) -> Result<(), WalkError>
 }
 
 /// How the layers repeat.
-fn stack(transport: &Transport) -> u8 {
-    let layers = 1..=transport.layers();
-    let same_index = |i: usize| i <= 2 || transport.indices[i] == transport.indices[i - 2];
-    let same_depth = |i: usize| i <= 2 || transport.optical_depths[i - 1] == transport.optical_depths[i - 3];
-    if !layers.into_iter().all(|i| same_index(i) && same_depth(i)) {
-        return EXPLICIT;
+fn layers(transport: &Transport) -> Layers {
+    let repeat = |period: usize| {
+        (1..=transport.layers()).skip(period).all(|layer| {
+            transport.indices[layer] == transport.indices[layer - period]
+                && transport.optical_depths[layer - 1] == transport.optical_depths[layer - 1 - period]
+        })
+    };
+    match transport.layers() {
+        _ if transport.sheets.is_some() && repeat(1) => Layers::Uniform,
+        _ if transport.sheets.is_some() || !repeat(2) => Layers::Explicit,
+        count if count >= 2 && transport.indices[count + 1] == transport.indices[count - 1] => {
+            Layers::Periodic
+        }
+        _ => Layers::Alternating,
     }
-    let continues = transport.layers() >= 2 && same_index(transport.layers() + 1);
-    if continues { PERIODIC } else { ALTERNATING }
 }
 
 impl<R: Real> Problem<R> {
-    fn new(transport: &Transport, stack: u8, geometry: Geometry) -> Self {
+    fn new(transport: &Transport, kind: Layers, geometry: Geometry) -> Self {
         let n = &transport.indices;
         let layers = transport.layers();
         let ratio = |from: usize, to: usize| R::from_f64(n[from] / n[to]);
@@ -312,7 +309,7 @@ impl<R: Real> Problem<R> {
             tilt_max: tilt_max as f32,
             film: film(transport),
         };
-        if stack != EXPLICIT {
+        if kind != Layers::Explicit {
             return Self { constants, ratios: Vec::new(), depths: Vec::new() };
         }
         let ratios = (0..=layers).flat_map(|upper| [ratio(upper, upper + 1), ratio(upper + 1, upper)]);
@@ -335,125 +332,6 @@ fn film<R: Real>(transport: &Transport) -> Film<R> {
     }
 }
 
-/// Runs the kernel of a variant, compiled for a level.
-///
-/// Small slopes have kernels of their own in 32 bits; 64-bit plane walks and walks at sheets always halve tilts.
-fn run<R: Real>(
-    level: SimdLevel,
-    variant: Variant,
-    problem: &Problem<R>,
-    job: &Job,
-    out: &mut [Exit],
-) -> u64 {
-    let wide = size_of::<R>() > 4;
-    match (variant.event, variant.shape) {
-        (PLAIN, SPACE) => shaped::<R, SPACE, PLAIN>(level, variant, problem, job, out),
-        (PLAIN, 1) if !wide => shaped::<R, 1, PLAIN>(level, variant, problem, job, out),
-        (PLAIN, 3) if !wide => shaped::<R, 3, PLAIN>(level, variant, problem, job, out),
-        (PLAIN, _) => shaped::<R, 6, PLAIN>(level, variant, problem, job, out),
-        (TRACKED, 1) if !wide => shaped::<R, 1, TRACKED>(level, variant, problem, job, out),
-        (TRACKED, 3) if !wide => shaped::<R, 3, TRACKED>(level, variant, problem, job, out),
-        (TRACKED, _) => shaped::<R, 6, TRACKED>(level, variant, problem, job, out),
-        (SHEETS, SPACE) if wide => shaped::<R, SPACE, SHEETS>(level, variant, problem, job, out),
-        (SHEETS, _) if wide => shaped::<R, 6, SHEETS>(level, variant, problem, job, out),
-        _ if wide => shaped::<R, 6, TRACKED_SHEETS>(level, variant, problem, job, out),
-        _ => unreachable!("walks at sheets have 64 bits"),
-    }
-}
-
-fn shaped<R: Real, const SHAPE: u8, const EVENT: u8>(
-    level: SimdLevel,
-    variant: Variant,
-    problem: &Problem<R>,
-    job: &Job,
-    out: &mut [Exit],
-) -> u64 {
-    match (variant.visible, variant.absorb) {
-        (false, false) => stacked::<R, SHAPE, false, false, EVENT>(level, variant, problem, job, out),
-        (false, true) => stacked::<R, SHAPE, false, true, EVENT>(level, variant, problem, job, out),
-        (true, false) => stacked::<R, SHAPE, true, false, EVENT>(level, variant, problem, job, out),
-        (true, true) => stacked::<R, SHAPE, true, true, EVENT>(level, variant, problem, job, out),
-    }
-}
-
-fn stacked<R: Real, const SHAPE: u8, const VISIBLE: bool, const ABSORB: bool, const EVENT: u8>(
-    level: SimdLevel,
-    variant: Variant,
-    problem: &Problem<R>,
-    job: &Job,
-    out: &mut [Exit],
-) -> u64 {
-    match variant.stack {
-        PERIODIC => compiled::<R, SHAPE, VISIBLE, ABSORB, PERIODIC, EVENT>(level, problem, job, out),
-        ALTERNATING => compiled::<R, SHAPE, VISIBLE, ABSORB, ALTERNATING, EVENT>(level, problem, job, out),
-        _ => compiled::<R, SHAPE, VISIBLE, ABSORB, EXPLICIT, EVENT>(level, problem, job, out),
-    }
-}
-
-/// Whether the build's target has a fused multiply-add of its own.
-const FUSED: bool = cfg!(any(target_feature = "fma", target_arch = "aarch64"));
-
-/// The one place where a kernel meets an instruction set.
-#[allow(unsafe_code)] // Run-time dispatch makes the walk several times as fast as the build's own target allows.
-fn compiled<
-    R: Real,
-    const SHAPE: u8,
-    const VISIBLE: bool,
-    const ABSORB: bool,
-    const STACK: u8,
-    const EVENT: u8,
->(
-    level: SimdLevel,
-    problem: &Problem<R>,
-    job: &Job,
-    out: &mut [Exit],
-) -> u64 {
-    match level {
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Walker::new` is the only source of levels and refuses what `is_supported` denies; it asks the
-        // processor for every feature that the function is compiled for.
-        SimdLevel::Avx512 => unsafe { avx512::<R, SHAPE, VISIBLE, ABSORB, STACK, EVENT>(problem, job, out) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: as above.
-        SimdLevel::Avx2 => unsafe { avx2::<R, SHAPE, VISIBLE, ABSORB, STACK, EVENT>(problem, job, out) },
-        _ => drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT>(problem, job, out),
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
-fn avx512<
-    R: Real,
-    const SHAPE: u8,
-    const VISIBLE: bool,
-    const ABSORB: bool,
-    const STACK: u8,
-    const EVENT: u8,
->(
-    problem: &Problem<R>,
-    job: &Job,
-    out: &mut [Exit],
-) -> u64 {
-    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true, EVENT>(problem, job, out)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-fn avx2<
-    R: Real,
-    const SHAPE: u8,
-    const VISIBLE: bool,
-    const ABSORB: bool,
-    const STACK: u8,
-    const EVENT: u8,
->(
-    problem: &Problem<R>,
-    job: &Job,
-    out: &mut [Exit],
-) -> u64 {
-    drive::walk::<R, SHAPE, VISIBLE, ABSORB, STACK, true, EVENT>(problem, job, out)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -461,10 +339,10 @@ mod tests {
 
     /// Exits of a stack whose layers repeat, by its own kernel and by the one that looks every layer up.
     fn exits(transport: &Transport, geometry: Geometry, precision: Precision) -> [(u64, Vec<Exit>); 2] {
-        let own = stack(transport);
-        assert_ne!(own, EXPLICIT);
-        [own, EXPLICIT].map(|stack| {
-            let walker = Walker::of_stack(transport, stack, geometry, precision, None).unwrap();
+        let own = layers(transport);
+        assert_ne!(own, Layers::Explicit);
+        [own, Layers::Explicit].map(|layers| {
+            let walker = Walker::of_layers(transport, layers, geometry, precision, None).unwrap();
             let mut out = vec![Exit { direction: [0.0; 3], weight: 0.0, fate: Fate::Truncated }; 500];
             (walker.run(0.7, 5, 0..500, 100_000, &mut out), out)
         })
@@ -472,12 +350,10 @@ mod tests {
 
     #[test]
     fn layers_that_repeat_walk_as_when_looked_up_one_by_one() {
-        let sheets = Sheets { index: 1.43, phase: 0.28, last: 39 };
         let stacks = [
             Transport::alternating(40, 1.53, 1.43, 1.53, 0.03),
             Transport::alternating(41, 1.53, 1.43, 1.6, 0.1),
             Transport::alternating(40, 1.53, 1.43, 1.6, 0.3),
-            Transport { sheets: Some(sheets), ..Transport::alternating(40, 1.53, 1.53, 1.53, 0.03) },
         ];
         let geometries = [(Geometry::Plane, Light::Unpolarised), (Geometry::Plane, Light::Tracked)];
         for (geometry, light) in geometries.into_iter().chain([(Geometry::Space, Light::Unpolarised)]) {

@@ -2,8 +2,9 @@
 
 use std::ops::Range;
 
-use super::draws::{Generator, Pair, Stream, uniform};
-use super::event::{Ahead, CROSSING, Constants, ENTERED, EXPLICIT, Facet, PLAIN, Problem, Ray, SPACE};
+use super::draws::{Generator, Normal, Pair, Stream, uniform};
+use super::event::{Ahead, CROSSING, Constants, ENTERED, Facet, Problem, Ray};
+use super::kernel::{Kernel, Sweep};
 use super::real::Real;
 use crate::Light;
 use crate::walk::{Exit, Fate};
@@ -29,10 +30,20 @@ pub(crate) struct Job {
     pub(crate) paths: Range<u64>,
     pub(crate) event_cap: u32,
     pub(crate) light: Light,
+    pub(crate) absorbs: bool,
+}
+
+/// The random numbers of all lanes, one array a variable.
+pub(crate) struct Draws {
+    /// Of this sweep: tilts (or slopes), uniforms for the choice and for the projected area.
+    tilts: [[f32; LANES]; 2],
+    choices: [[f32; LANES]; 2],
+    weights: [[f32; LANES]; 2],
+    generator: [[u32; LANES]; 4],
 }
 
 /// The state of all lanes, one array a variable.
-struct Lanes<R> {
+pub(crate) struct Lanes<R> {
     x: [R; LANES],
     y: [R; LANES],
     z: [R; LANES],
@@ -47,13 +58,50 @@ struct Lanes<R> {
     ratio: [R; LANES],
     here: [R; LANES],
     beyond: [R; LANES],
-    /// Random numbers of this sweep: tilts (or slopes), uniforms for the choice and for the projected area.
-    tilts: [[f32; LANES]; 2],
-    choices: [[f32; LANES]; 2],
-    weights: [[f32; LANES]; 2],
-    generator: [[u32; LANES]; 4],
+    pub(crate) draws: Draws,
     done: [i32; LANES],
     slot: [usize; LANES],
+}
+
+impl Draws {
+    /// Draws the random numbers of a sweep.
+    #[inline(always)]
+    pub(crate) fn draw<const SPACE: bool, const VISIBLE: bool, const FUSED: bool>(
+        &mut self,
+        normal: Normal,
+        count: usize,
+    ) {
+        for lane in 0..count.min(LANES) {
+            let mut generator = self.generator(lane);
+            let pair = Pair::draw(&mut generator);
+            let (first, second) = normal.deviates::<FUSED>(pair);
+            self.tilts[0][lane] = first;
+            self.tilts[1][lane] = second;
+            self.choices[0][lane] = pair.choice();
+            if VISIBLE {
+                self.weights[0][lane] = uniform(generator.next());
+            }
+            if !SPACE {
+                self.choices[1][lane] = uniform(generator.next());
+                if VISIBLE {
+                    self.weights[1][lane] = uniform(generator.next());
+                }
+            }
+            self.set_generator(lane, generator.state);
+        }
+    }
+
+    #[inline(always)]
+    fn generator(&self, lane: usize) -> Generator {
+        let [s0, s1, s2, s3] = &self.generator;
+        Generator { state: [s0[lane], s1[lane], s2[lane], s3[lane]] }
+    }
+
+    #[inline(always)]
+    fn set_generator(&mut self, lane: usize, state: [u32; 4]) {
+        let [s0, s1, s2, s3] = &mut self.generator;
+        [s0[lane], s1[lane], s2[lane], s3[lane]] = state;
+    }
 }
 
 impl<R: Real> Lanes<R> {
@@ -71,10 +119,12 @@ impl<R: Real> Lanes<R> {
             ratio: [R::ONE; LANES],
             here: [R::ZERO; LANES],
             beyond: [R::ZERO; LANES],
-            tilts: [[0.0; LANES]; 2],
-            choices: [[0.0; LANES]; 2],
-            weights: [[0.0; LANES]; 2],
-            generator: [[1; LANES]; 4],
+            draws: Draws {
+                tilts: [[0.0; LANES]; 2],
+                choices: [[0.0; LANES]; 2],
+                weights: [[0.0; LANES]; 2],
+                generator: [[1; LANES]; 4],
+            },
             done: [0; LANES],
             slot: [IDLE; LANES],
         };
@@ -96,7 +146,7 @@ impl<R: Real> Lanes<R> {
         self.set::<true>(lane, middle);
         self.slot[lane] = IDLE;
         self.limit[lane] = R::from_f64(f64::INFINITY);
-        (0..4).for_each(|word| self.generator[word][lane] = 1 + lane as u32);
+        self.draws.set_generator(lane, [1 + lane as u32; 4]);
     }
 
     #[inline(always)]
@@ -113,21 +163,21 @@ impl<R: Real> Lanes<R> {
     }
 
     #[inline(always)]
-    fn set<const ABSORB: bool>(&mut self, lane: usize, ray: Ray<R>) {
+    fn set<const ABSORBS: bool>(&mut self, lane: usize, ray: Ray<R>) {
         self.x[lane] = ray.x;
         self.y[lane] = ray.y;
         self.z[lane] = ray.z;
         self.interface[lane] = ray.interface;
         self.step[lane] = ray.step;
         self.met[lane] = ray.met;
-        if ABSORB {
+        if ABSORBS {
             self.depth[lane] = ray.depth;
         }
     }
 
     /// Starts path number `path` in a lane.
     #[inline(always)]
-    fn start<const ABSORB: bool, const EVENT: u8>(&mut self, lane: usize, job: &Job, path: u64) {
+    fn start(&mut self, lane: usize, job: &Job, path: u64) {
         let (generator, spare) = job.stream.path(path);
         let ray = Ray {
             x: R::from_f64(job.sin_i),
@@ -138,15 +188,13 @@ impl<R: Real> Lanes<R> {
             met: 0,
             depth: R::ZERO,
         };
-        self.set::<ABSORB>(lane, ray);
-        (0..4).for_each(|word| self.generator[word][lane] = generator.state[word]);
+        self.set::<true>(lane, ray);
+        self.draws.set_generator(lane, generator.state);
         self.slot[lane] = (path - job.paths.start) as usize;
-        if EVENT != PLAIN {
-            // Tracked light: every other path is s.
-            let is_s = job.light == Light::S || (job.light == Light::Tracked && path.is_multiple_of(2));
-            self.polarisation[lane] = -i32::from(is_s);
-        }
-        if ABSORB {
+        // Tracked light: every other path is s.
+        let is_s = job.light == Light::S || (job.light == Light::Tracked && path.is_multiple_of(2));
+        self.polarisation[lane] = -i32::from(is_s);
+        if job.absorbs {
             let budget = -libm::log((f64::from(spare) + 0.5) / 4_294_967_296.0);
             self.limit[lane] = R::from_f64(WEIGHT_DEPTH + budget);
         }
@@ -157,13 +205,14 @@ impl<R: Real> Lanes<R> {
         self.set::<true>(to, self.get(from));
         self.limit[to] = self.limit[from];
         self.polarisation[to] = self.polarisation[from];
-        (0..4).for_each(|word| self.generator[word][to] = self.generator[word][from]);
+        let generator = self.draws.generator(from);
+        self.draws.set_generator(to, generator.state);
         self.slot[to] = self.slot[from];
     }
 
     /// How the path of a lane ended.
     #[inline(always)]
-    fn exit<const ABSORB: bool>(&self, lane: usize, problem: &Problem<R>) -> Exit {
+    fn exit(&self, lane: usize, problem: &Problem<R>) -> Exit {
         let ray = self.get(lane);
         let fate = if ray.interface < 0 {
             match ray.met {
@@ -173,159 +222,96 @@ impl<R: Real> Lanes<R> {
             }
         } else if ray.interface > problem.constants.last {
             Fate::Transmitted
-        } else if ABSORB && ray.depth > self.limit[lane] {
+        } else if ray.depth > self.limit[lane] {
             Fate::Absorbed
         } else {
             Fate::Truncated
         };
         let depth = ray.depth.to_f64();
-        let weight = if ABSORB && depth > 0.0 { libm::exp(-depth.min(WEIGHT_DEPTH)) } else { 1.0 };
+        let weight = if depth > 0.0 { libm::exp(-depth.min(WEIGHT_DEPTH)) } else { 1.0 };
         Exit { direction: [ray.x, ray.y, ray.z].map(|v| v.to_f64() as f32), weight: weight as f32, fate }
-    }
-
-    /// One event (two in the plane) for each of the first `count` lanes; whether any path ended.
-    ///
-    /// Drawing, looking up and moving are loops of their own: short chains of dependent operations, of which the
-    /// processor overlaps several.
-    #[inline(always)]
-    fn sweep<
-        const SHAPE: u8,
-        const VISIBLE: bool,
-        const ABSORB: bool,
-        const STACK: u8,
-        const FUSED: bool,
-        const EVENT: u8,
-    >(
-        &mut self,
-        problem: &Problem<R>,
-        count: usize,
-    ) -> bool {
-        let count = count.min(LANES);
-        self.draw::<SHAPE, VISIBLE, FUSED>(problem, count);
-        if STACK != EXPLICIT {
-            return self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, BOTH>(problem, count);
-        }
-        self.look_ahead::<ABSORB>(problem, count);
-        let ended = self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, FIRST>(problem, count);
-        if SHAPE == SPACE {
-            return ended;
-        }
-        self.look_ahead::<ABSORB>(problem, count);
-        self.meet::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, SECOND>(problem, count)
-    }
-
-    /// Draws the random numbers of a sweep.
-    #[inline(always)]
-    fn draw<const SHAPE: u8, const VISIBLE: bool, const FUSED: bool>(
-        &mut self,
-        problem: &Problem<R>,
-        count: usize,
-    ) {
-        let normal = problem.constants.normal;
-        for lane in 0..count {
-            let mut generator = self.generator(lane);
-            let pair = Pair::draw(&mut generator);
-            let (first, second) = normal.deviates::<FUSED>(pair);
-            self.tilts[0][lane] = first;
-            self.tilts[1][lane] = second;
-            self.choices[0][lane] = pair.choice();
-            if VISIBLE {
-                self.weights[0][lane] = uniform(generator.next());
-            }
-            if SHAPE != SPACE {
-                self.choices[1][lane] = uniform(generator.next());
-                if VISIBLE {
-                    self.weights[1][lane] = uniform(generator.next());
-                }
-            }
-            self.set_generator(lane, generator);
-        }
     }
 
     /// Looks up the interfaces that the rays of an explicit stack head for.
     #[inline(always)]
-    fn look_ahead<const ABSORB: bool>(&mut self, problem: &Problem<R>, count: usize) {
-        for lane in 0..count {
+    pub(crate) fn look_ahead<const ABSORBS: bool>(&mut self, problem: &Problem<R>, count: usize) {
+        for lane in 0..count.min(LANES) {
             let ahead = problem.explicit(self.interface[lane], self.step[lane]);
             self.ratio[lane] = ahead.ratio;
-            if ABSORB {
+            if ABSORBS {
                 self.here[lane] = ahead.here;
                 self.beyond[lane] = ahead.beyond;
             }
         }
     }
 
-    /// Moves every path on by the events `PART` of the sweep; whether any path ended.
+    /// Moves every path on by the events `FROM..TO` of the sweep; whether any path ended.
     #[inline(always)]
-    fn meet<
-        const SHAPE: u8,
-        const VISIBLE: bool,
-        const ABSORB: bool,
-        const STACK: u8,
-        const FUSED: bool,
-        const EVENT: u8,
-        const PART: u8,
-    >(
+    pub(crate) fn meet<K: Kernel<Real = R>, const FUSED: bool, const FROM: usize, const TO: usize>(
         &mut self,
         problem: &Problem<R>,
         count: usize,
     ) -> bool {
         let constants = problem.constants;
         let mut any = 0;
-        for lane in 0..count {
+        for lane in 0..count.min(LANES) {
             let mut ray = self.get(lane);
-            let mut done = if PART == SECOND { self.done[lane] } else { 0 };
-            if PART != SECOND {
-                (ray, done) =
-                    self.event::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, 0>(constants, lane, ray, false);
-            }
-            if PART != FIRST && SHAPE != SPACE {
-                // A path that ended in the first half of a sweep rests in the second.
-                let rests = done != 0;
-                (ray, done) =
-                    self.event::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT, 1>(constants, lane, ray, rests);
+            let mut done = if FROM == 0 { 0 } else { self.done[lane] };
+            for event in FROM..TO {
+                // A path that ended in the first event of a sweep rests in the second.
+                let rests = event > 0 && done != 0;
+                (ray, done) = self.event::<K, FUSED>(event, constants, lane, ray, rests);
             }
             any |= done;
             self.done[lane] = done;
-            self.set::<ABSORB>(lane, ray);
+            if K::MODES.absorbs {
+                self.set::<true>(lane, ray);
+            } else {
+                self.set::<false>(lane, ray);
+            }
         }
         any != 0
     }
 
-    /// Event `HALF` of a sweep for the path of a lane: the ray after it, and −1 if the path has ended. A path that rests stays.
+    /// Event number `event` of a sweep for the path of a lane: the ray after it, and −1 if the path has ended. A path that
+    /// rests stays.
     #[inline(always)]
-    fn event<
-        const SHAPE: u8,
-        const VISIBLE: bool,
-        const ABSORB: bool,
-        const STACK: u8,
-        const FUSED: bool,
-        const EVENT: u8,
-        const HALF: usize,
-    >(
+    fn event<K: Kernel<Real = R>, const FUSED: bool>(
         &self,
+        event: usize,
         constants: Constants<R>,
         lane: usize,
         ray: Ray<R>,
         rests: bool,
     ) -> (Ray<R>, i32) {
-        let tilt = self.tilts[HALF][lane];
-        let facet = if SHAPE == SPACE {
-            Facet::sloped::<FUSED>(tilt, self.tilts[1][lane])
+        let Draws { tilts, choices, weights, .. } = &self.draws;
+        let tilt = tilts[event][lane];
+        let facet = if K::MODES.is_space() {
+            Facet::sloped::<FUSED>(tilt, tilts[1][lane])
         } else {
-            Facet::tilted::<SHAPE, FUSED>(tilt)
+            Facet::tilted::<K, FUSED>(tilt)
         };
-        let ahead = if STACK == EXPLICIT {
+        let ahead = if K::MODES.is_explicit() {
             Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
         } else {
-            constants.alternating::<STACK>(ray.interface, ray.step)
+            constants.repeating::<K>(ray.interface, ray.step)
         };
-        let weight = self.weights[HALF][lane];
-        let takes = |a: R| !rests & (!VISIBLE || constants.sees::<SHAPE>(&ray, facet, tilt, a, weight));
-        let (choice, is_s) = (self.choices[HALF][lane], self.polarisation[lane] < 0);
-        let ray = constants.meet::<SHAPE, ABSORB, FUSED, EVENT>(ray, facet, ahead, choice, is_s, takes);
-        let absorbed = ABSORB && ray.depth > self.limit[lane];
+        let takes = |a: R| {
+            !rests & (!K::MODES.visible || constants.sees::<K>(&ray, facet, tilt, a, weights[event][lane]))
+        };
+        let is_s = self.polarisation[lane] < 0;
+        let ray = constants.meet::<K, FUSED>(ray, facet, ahead, choices[event][lane], is_s, takes);
+        let absorbed = K::MODES.absorbs && ray.depth > self.limit[lane];
         (ray, -i32::from(constants.is_out(&ray) | absorbed))
+    }
+
+    /// The blocks of the first `count` lanes in which a path has ended, one bit each.
+    #[inline(always)]
+    pub(crate) fn ended(&self, count: usize) -> u32 {
+        let blocks = self.done[..count.min(LANES)].chunks_exact(BLOCK).enumerate();
+        blocks.fold(0, |blocks, (block, done)| {
+            blocks | u32::from(done.iter().fold(0, |any, done| any | done) != 0) << block
+        })
     }
 
     /// Ends the paths that have reached the cap, and says how many sweeps from now it is worth to look again: a sweep
@@ -343,66 +329,31 @@ impl<R: Real> Lanes<R> {
         }
         (event_cap - most).div_ceil(2)
     }
-
-    #[inline(always)]
-    fn generator(&self, lane: usize) -> Generator {
-        let [s0, s1, s2, s3] = &self.generator;
-        Generator { state: [s0[lane], s1[lane], s2[lane], s3[lane]] }
-    }
-
-    #[inline(always)]
-    fn set_generator(&mut self, lane: usize, generator: Generator) {
-        let [s0, s1, s2, s3] = &mut self.generator;
-        [s0[lane], s1[lane], s2[lane], s3[lane]] = generator.state;
-    }
 }
 
-/// Which events of a sweep to do: all, or one of the two that share a pair of plane deviates.
-const BOTH: u8 = 0;
-const FIRST: u8 = 1;
-const SECOND: u8 = 2;
-
 /// Walks all paths of a job, one `Exit` each in path order; the number of crossings.
-#[inline(always)]
-pub(crate) fn walk<
-    R: Real,
-    const SHAPE: u8,
-    const VISIBLE: bool,
-    const ABSORB: bool,
-    const STACK: u8,
-    const FUSED: bool,
-    const EVENT: u8,
->(
-    problem: &Problem<R>,
-    job: &Job,
-    out: &mut [Exit],
-) -> u64 {
+pub(crate) fn walk<R: Real>(problem: &Problem<R>, sweep: Sweep<R>, job: &Job, out: &mut [Exit]) -> u64 {
     let mut lanes = Lanes::idle(problem);
     let mut paths = job.paths.clone();
     let mut live = 0_usize;
     for (lane, path) in (0..LANES).zip(paths.by_ref()) {
-        lanes.start::<ABSORB, EVENT>(lane, job, path);
+        lanes.start(lane, job, path);
         live += 1;
     }
     let mut harvest = Harvest { problem, job, out, paths, live, crossings: 0 };
     let mut until_cut = lanes.cut(job.event_cap);
     while harvest.live > 0 {
         let count = harvest.live.next_multiple_of(BLOCK);
-        let mut any = lanes.sweep::<SHAPE, VISIBLE, ABSORB, STACK, FUSED, EVENT>(problem, count);
+        let mut ended = sweep(&mut lanes, problem, count);
         until_cut -= 1;
         if until_cut == 0 {
             until_cut = lanes.cut(job.event_cap);
-            any = true;
-        }
-        if !any {
-            continue;
+            ended = lanes.ended(count);
         }
         // From the last lane down, so that the lane that fills a gap has been looked at already.
-        for block in (0..count / BLOCK).rev() {
-            let first = block * BLOCK;
-            if lanes.done[first..first + BLOCK].iter().fold(0, |any, done| any | done) != 0 {
-                harvest.block::<ABSORB, EVENT>(&mut lanes, first);
-            }
+        while let Some(block) = ended.checked_ilog2() {
+            ended ^= 1 << block;
+            harvest.block(&mut lanes, block as usize * BLOCK);
         }
     }
     harvest.crossings
@@ -424,7 +375,7 @@ impl<R: Real> Harvest<'_, R> {
     /// Books the paths of a block of lanes that have ended, and starts others. Out of line: within the sweeps it costs them
     /// registers (2 to 4 % of the instructions of a crossing).
     #[inline(never)]
-    fn block<const ABSORB: bool, const EVENT: u8>(&mut self, lanes: &mut Lanes<R>, first: usize) {
+    fn block(&mut self, lanes: &mut Lanes<R>, first: usize) {
         for lane in (first..first + BLOCK).rev() {
             if lanes.done[lane] == 0 {
                 continue;
@@ -434,9 +385,9 @@ impl<R: Real> Harvest<'_, R> {
                 continue;
             }
             self.crossings += u64::from(lanes.met[lane] / CROSSING);
-            self.out[lanes.slot[lane]] = lanes.exit::<ABSORB>(lane, self.problem);
+            self.out[lanes.slot[lane]] = lanes.exit(lane, self.problem);
             if let Some(path) = self.paths.next() {
-                lanes.start::<ABSORB, EVENT>(lane, self.job, path);
+                lanes.start(lane, self.job, path);
                 continue;
             }
             self.live -= 1;

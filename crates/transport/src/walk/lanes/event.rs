@@ -3,13 +3,8 @@
 use std::hint::select_unpredictable as choose;
 
 use super::draws::{Normal, tilt_sin_cos};
+use super::kernel::{Kernel, Layers, Shape};
 use super::real::Real;
-
-/// The geometry of a walk at compile time: [`SPACE`], or 1 + h for a plane walk whose tilts need h halvings
-/// (see [`tilt_sin_cos`]).
-pub(crate) const SPACE: u8 = 0;
-/// Halvings that plane walks are compiled for: σ up to 2.3°, 9.2° and 74°.
-pub(crate) const HALVINGS: [u8; 3] = [0, 2, 5];
 
 /// The constants of a walk.
 #[derive(Clone, Debug)]
@@ -64,22 +59,6 @@ pub(crate) struct Ray<R> {
     /// Optical depth so far.
     pub(crate) depth: R,
 }
-
-/// How the layers repeat, at compile time: two layers alternate, and the substrate continues them.
-pub(crate) const PERIODIC: u8 = 0;
-/// Two layers alternate above any substrate.
-pub(crate) const ALTERNATING: u8 = 1;
-/// Any list of layers: looked up.
-pub(crate) const EXPLICIT: u8 = 2;
-
-/// What happens at an interface, at compile time: unpolarised light between two media.
-pub(crate) const PLAIN: u8 = 0;
-/// s or p between two media.
-pub(crate) const TRACKED: u8 = 1;
-/// Unpolarised light at coherent sheets (and between two media at the other interfaces).
-pub(crate) const SHEETS: u8 = 2;
-/// s or p at coherent sheets.
-pub(crate) const TRACKED_SHEETS: u8 = 3;
 
 /// The constants of a coherent sheet.
 #[derive(Clone, Copy, Debug)]
@@ -155,8 +134,12 @@ impl<R: Real> Facet<R> {
 
     /// From a tilt in the plane of incidence.
     #[inline(always)]
-    pub(crate) fn tilted<const SHAPE: u8, const FUSED: bool>(alpha: f32) -> Self {
-        let (x, z) = tilt_sin_cos::<R, FUSED>(R::from_f32(alpha), SHAPE - 1);
+    pub(crate) fn tilted<K: Kernel, const FUSED: bool>(alpha: f32) -> Self {
+        let halvings = match K::MODES.shape {
+            Shape::Plane { halvings } => halvings,
+            Shape::Space => 0,
+        };
+        let (x, z) = tilt_sin_cos::<R, FUSED>(R::from_f32(alpha), halvings);
         Self { x, y: R::ZERO, z, square: R::ONE }
     }
 }
@@ -192,15 +175,23 @@ impl<R: Real> Problem<R> {
 }
 
 impl<R: Real> Constants<R> {
-    /// The interface ahead, in a stack of two alternating layers.
+    /// The interface ahead, in a stack whose layers repeat.
     #[inline(always)]
-    pub(crate) fn alternating<const STACK: u8>(&self, interface: i32, step: i32) -> Ahead<R> {
+    pub(crate) fn repeating<K: Kernel>(&self, interface: i32, step: i32) -> Ahead<R> {
         let up = step < 0;
+        let first = choose(up, self.leave, self.enter);
+        let last = choose(up, self.back, self.out);
+        if matches!(K::MODES.layers, Layers::Uniform) {
+            let below = choose(interface == self.last, last, R::ONE);
+            let ratio = choose(interface == 0, first, below);
+            return Ahead { ratio, here: self.depth_odd, beyond: self.depth_odd };
+        }
         let odd = up ^ (interface & 1 != 0);
         let inner = choose(odd, self.odd, self.even);
-        let last = choose(up, self.back, self.out);
-        let first = choose(up, self.leave, self.enter);
-        let below = if STACK == PERIODIC { inner } else { choose(interface == self.last, last, inner) };
+        let below = match K::MODES.layers {
+            Layers::Periodic => inner,
+            _ => choose(interface == self.last, last, inner),
+        };
         Ahead {
             ratio: choose(interface == 0, first, below),
             here: choose(odd, self.depth_odd, self.depth_even),
@@ -210,23 +201,16 @@ impl<R: Real> Constants<R> {
 
     /// Whether a facet is taken, by its projected area per plane area, −d·m/m_z; `draw` is uniform.
     #[inline(always)]
-    pub(crate) fn sees<const SHAPE: u8>(
-        &self,
-        ray: &Ray<R>,
-        facet: Facet<R>,
-        tilt: f32,
-        a: R,
-        draw: f32,
-    ) -> bool {
+    pub(crate) fn sees<K: Kernel>(&self, ray: &Ray<R>, facet: Facet<R>, tilt: f32, a: R, draw: f32) -> bool {
         let bound = (ray.z + self.slope_max) * R::from_f32(draw * (1.0 / 2_147_483_648.0));
-        (bound * facet.z <= a) & (SHAPE == SPACE || tilt.abs() <= self.tilt_max)
+        (bound * facet.z <= a) & (K::MODES.is_space() || tilt.abs() <= self.tilt_max)
     }
 
     /// One event: the ray meets `facet`; `choice`, uniform on (0, 2³¹], decides between reflection and refraction.
     /// A facet that faces away, or that `takes` refuses, changes nothing.
     /// Tracked light is s or p (`is_s`).
     #[inline(always)]
-    pub(crate) fn meet<const SHAPE: u8, const ABSORB: bool, const FUSED: bool, const EVENT: u8>(
+    pub(crate) fn meet<K: Kernel, const FUSED: bool>(
         &self,
         ray: Ray<R>,
         facet: Facet<R>,
@@ -235,7 +219,7 @@ impl<R: Real> Constants<R> {
         is_s: bool,
         takes: impl Fn(R) -> bool,
     ) -> Ray<R> {
-        let space = SHAPE == SPACE;
+        let space = K::MODES.is_space();
         let ratio = ahead.ratio;
         let contrast = (-ratio).fma::<FUSED>(ratio, R::ONE);
         // a = |N| cos θ1, b = |N| cos θ2 (0 past the critical angle).
@@ -255,16 +239,16 @@ impl<R: Real> Constants<R> {
         let (pd, pn) = (ratio.fma::<FUSED>(b, a), (-ratio).fma::<FUSED>(b, a));
         let (both, s, p) = (sd * pd, sn * pd, pn * sd);
         let needed = R::from_f32(choice) * both * both;
-        let mut reflects = if EVENT == TRACKED || EVENT == TRACKED_SHEETS {
+        let mut reflects = if K::MODES.tracked {
             let kept = choose(is_s, s, p);
             needed <= R::from_f64(2.0 * HALF_SCALE) * (kept * kept)
         } else {
             needed <= R::from_f64(HALF_SCALE) * s.fma::<FUSED>(s, p * p)
         };
-        if EVENT == SHEETS || EVENT == TRACKED_SHEETS {
+        if K::MODES.sheets {
             let cos2 = if space { a * a / facet.square } else { a * a };
             let (s, p) = self.film.reflectance::<FUSED>(cos2);
-            let film = if EVENT == SHEETS { R::from_f64(0.5) * (s + p) } else { choose(is_s, s, p) };
+            let film = if K::MODES.tracked { choose(is_s, s, p) } else { R::from_f64(0.5) * (s + p) };
             // A facet that faces away counts as one that reflects.
             let reflected = !faces | (R::from_f32(choice) <= R::from_f64(2.0 * HALF_SCALE) * film);
             let is_sheet = (ray.interface > 0) & (ray.interface <= self.film.last);
@@ -288,7 +272,7 @@ impl<R: Real> Constants<R> {
             met: choose(reflects, met, met | ENTERED),
             depth: ray.depth,
         };
-        if ABSORB {
+        if K::MODES.absorbs {
             let layer = choose(reflects, ahead.here, ahead.beyond);
             let absorbs = crosses & (layer > R::ZERO) & !self.is_out(&next);
             next.depth = choose(absorbs, ray.depth + layer / next.z, ray.depth);
