@@ -1,56 +1,31 @@
-//! Is `--solver auto` right, and what are its prices?
+//! Is `--solver auto` right?
 //!
-//! `cargo run --release -p bake-brdf --example choice`: both solvers and the choice between them over requests that the fit of
-//! the prices has not seen. A line each: seconds of either solver, what `auto` takes (its own choosing included) over the
+//! `cargo run --release -p bake-brdf --example choice`: both solvers and the choice between them over requests that the example
+//! `prices` has not seen. A line each: seconds of either solver, what `auto` takes (its own choosing included) over the
 //! better of the two, and the total variation that the table turned out to have against a solution of 1e-4 per cent (1e-2 where that is too dear).
 //! A walk that would take longer than a second is forecast instead, and its error not measured.
-//!
-//! `cargo run --release -p bake-brdf --example choice -- --fit`: bakes another list of requests by both solvers and fits the seconds
-//! of one core that each counted operation takes: relative least squares, no price below zero. Prints the constants of
-//! `transport::doubling::prices` and `bake::choice`, and how far the fit is from its own data.
 //!
 //! All bakes run on one thread and are timed by its CPU clock (Linux; elsewhere by the wall clock), so that other work on the
 //! machine disturbs little. `--threads N` times the wall clock on N threads instead, `--azimuth decay|space` does half the list.
 
 #![allow(clippy::print_stdout)] // Its table is what it is for.
 
-use std::error::Error;
-use std::time::Instant;
+mod timing;
 
-use bake_brdf::bake::{self, Counts, Observer, ROWS, Request, WALKED};
-use bake_brdf::effects::{Effect, Effects};
-use bake_brdf::options::{Options, SolverChoice, Target};
-use bake_brdf::recipe::{AzimuthMode, Recipe};
+use bake_brdf::bake::{self, Observer, Request};
+use bake_brdf::options::SolverChoice;
+use bake_brdf::recipe::AzimuthMode;
 use lut_io::Table;
 use lut_io::diff::diff;
 use lut_io::lobe::Interpolant;
-use transport::doubling::{OPERATIONS, prices};
+use timing::{Clock, PATIENCE, PEARL, Result, Stack, cpu_seconds, incidences, request, timed, wall_seconds};
 
-/// Longest walk that is walked, and half the longest doubling that is fitted, seconds.
-const PATIENCE: f64 = 1.0;
 const TRUTH_PERCENT: f64 = 1e-4;
 /// Where that is too dear: still a fiftieth of the smallest error asked for.
 const COARSE_TRUTH_PERCENT: f64 = 1e-2;
-/// Short work is repeated until it has taken so many seconds, or so often.
-const LONG_ENOUGH: f64 = 0.1;
-const MOST_REPEATS: f64 = 100.0;
 /// `auto` may take this many times the better solver's time.
 const ALLOWED: f64 = 1.2;
 
-type Result<T> = std::result::Result<T, Box<dyn Error>>;
-
-/// Layers, σ in degrees, indices of the odd and even layers and of the substrate.
-type Stack = (usize, f64, [f64; 3]);
-
-const PEARL: [f64; 3] = [1.53, 1.43, 1.53];
-const FITTED: [Stack; 6] = [
-    (500, 2.0, PEARL),
-    (1, 2.0, PEARL),
-    (20, 0.7, PEARL),
-    (100, 5.0, [1.7, 1.4, 1.0]),
-    (4, 1.0, [1.6, 1.3, 1.5]),
-    (2000, 1.3, PEARL),
-];
 const FRESH: [Stack; 5] = [
     (500, 3.0, PEARL),
     (2, 0.9, [1.5, 1.4, 1.33]),
@@ -75,60 +50,7 @@ fn main() -> Result<()> {
     let pool = if threads == 1 { pool.use_current_thread() } else { pool };
     pool.build_global()?;
     let clock = if threads == 1 { cpu_seconds } else { wall_seconds };
-    if arguments.iter().any(|argument| argument == "--fit") {
-        fit(clock, &azimuths)
-    } else {
-        try_fresh(clock, &azimuths)
-    }
-}
-
-/// Seconds on some clock.
-type Clock = fn() -> f64;
-
-fn wall_seconds() -> f64 {
-    static START: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
-    START.get_or_init(Instant::now).elapsed().as_secs_f64()
-}
-
-/// Of this thread, where the system says.
-fn cpu_seconds() -> f64 {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-    let nanoseconds = text.split_whitespace().next().and_then(|text| text.parse::<f64>().ok());
-    nanoseconds.map_or_else(wall_seconds, |nanoseconds| 1e-9 * nanoseconds)
-}
-
-/// What work gives, and how long it takes: the mean of as many repeats as the clock's ticks (4 ms) call for.
-fn timed<T>(clock: Clock, mut work: impl FnMut() -> T) -> (T, f64) {
-    let started = clock();
-    let mut repeats = 1.0;
-    let mut result = work();
-    while clock() - started < LONG_ENOUGH && repeats < MOST_REPEATS {
-        result = work();
-        repeats += 1.0;
-    }
-    (result, (clock() - started) / repeats)
-}
-
-fn incidences() -> [Vec<f64>; 3] {
-    [vec![30.0], vec![0.0, 30.0, 60.0, 85.0], (0..=90).map(f64::from).collect()]
-}
-
-/// A request for the lobe alone: colours take either solver the same time.
-fn request(stack: Stack, azimuth: AzimuthMode, incident_deg: &[f64], percent: f64) -> Result<Request> {
-    let (layers, sigma_deg, [odd, even, substrate]) = stack;
-    let text = format!(
-        r#"{{"schema": "pearl-recipe/1", "stack": {{"layers": {layers}, "aragonite": {{"n": {odd}}}, "conchiolin": {{"n": {even}}},
-        "substrate": {{"n": {substrate}}}}}, "facets": {{"slope_sd_deg": {sigma_deg}}}}}"#
-    );
-    let mut recipe = Recipe::from_json(&text)?;
-    recipe.azimuth.mode = azimuth;
-    let options = Options {
-        effects: Effects::Listed([Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect()),
-        incident_deg: incident_deg.to_vec(),
-        target: Target::AccuracyPercent(percent),
-        ..Options::default()
-    };
-    Ok(Request::new(recipe, options)?)
+    try_fresh(clock, &azimuths)
 }
 
 /// Seconds, and per cent of total variation against the truth where there is a table.
@@ -265,86 +187,4 @@ fn grid(
         );
     }
     Ok(())
-}
-
-/// A request's counts, and the seconds that each solver took, where it was measured.
-struct Sample {
-    counts: Counts,
-    doubling: Option<f64>,
-    walk: Option<f64>,
-}
-
-fn fit(clock: Clock, azimuths: &[AzimuthMode]) -> Result<()> {
-    for &azimuth in azimuths {
-        let mut samples = Vec::new();
-        for stack in FITTED {
-            for incident_deg in incidences() {
-                for percent in [10.0, 3.0, 1.0] {
-                    samples.push(sample(clock, &request(stack, azimuth, &incident_deg, percent)?)?);
-                }
-            }
-        }
-        let doubling = samples.iter().filter_map(|sample| {
-            Some(([&sample.counts.doubling[..], &sample.counts.rows].concat(), sample.doubling?))
-        });
-        let (by_doubling, misfit) = least_squares(&doubling.collect::<Vec<_>>());
-        println!("{azimuth:?}, doubling: fit within {misfit:.2} (rms of the ratio)");
-        for (name, price) in OPERATIONS.iter().chain(&ROWS).zip(&by_doubling) {
-            println!("    {price:9.2e}  {name}");
-        }
-        // Its own doubling, at the prices just found, is not the walk's doing.
-        let walk = samples.iter().filter_map(|sample| {
-            let beside: f64 = sample.counts.beside_walk.iter().zip(&by_doubling).map(|(a, b)| a * b).sum();
-            let seconds = sample.walk? - beside;
-            (seconds > 0.0).then(|| (sample.counts.walk.to_vec(), seconds))
-        });
-        let (by_walk, misfit) = least_squares(&walk.collect::<Vec<_>>());
-        println!("{azimuth:?}, walk: fit within {misfit:.2} (rms of the ratio)");
-        for (name, price) in WALKED.iter().zip(&by_walk) {
-            println!("    {price:9.2e}  {name}");
-        }
-    }
-    Ok(())
-}
-
-fn sample(clock: Clock, request: &Request) -> Result<Sample> {
-    let counts = bake::counts(request)?;
-    let forecast = bake::forecast(request, &request.bands()?, SolverChoice::Walk, &Observer::idle())?;
-    let walk = if forecast.seconds > PATIENCE {
-        None
-    } else {
-        let (table, seconds) =
-            timed(clock, || bake::walk(request, &request.bands()?, &Observer::idle(), None));
-        table?;
-        Some(seconds)
-    };
-    let expected: f64 = counts.doubling.iter().zip(prices(request.geometry())).map(|(a, b)| a * b).sum();
-    let doubling = if expected > 2.0 * PATIENCE {
-        None
-    } else {
-        let (table, seconds) = timed(clock, || bake::doubling(request, &request.bands()?));
-        table.ok().map(|_| seconds)
-    };
-    Ok(Sample { counts, doubling, walk })
-}
-
-/// Prices ≥ 0 that make Σ(Σ_k count_k·price_k / seconds − 1)² least, by coordinate descent; and the rms of what is left.
-fn least_squares(samples: &[(Vec<f64>, f64)]) -> (Vec<f64>, f64) {
-    let rows: Vec<Vec<f64>> = samples
-        .iter()
-        .map(|(counts, seconds)| counts.iter().map(|count| count / seconds).collect())
-        .collect();
-    let mut prices = vec![0.0; rows.first().map_or(0, Vec::len)];
-    let missing = |prices: &[f64], row: &[f64]| 1.0 - row.iter().zip(prices).map(|(a, b)| a * b).sum::<f64>();
-    for _ in 0..20_000 {
-        for k in 0..prices.len() {
-            let square: f64 = rows.iter().map(|row| row[k] * row[k]).sum();
-            if square > 0.0 {
-                let step: f64 = rows.iter().map(|row| row[k] * missing(&prices, row)).sum::<f64>() / square;
-                prices[k] = (prices[k] + step).max(0.0);
-            }
-        }
-    }
-    let left: f64 = rows.iter().map(|row| missing(&prices, row).powi(2)).sum();
-    (prices, (left / rows.len() as f64).sqrt())
 }

@@ -4,6 +4,7 @@ pub mod bake;
 pub mod effects;
 pub mod options;
 pub mod plan;
+mod prices;
 pub mod recipe;
 pub mod scene;
 pub mod spectra;

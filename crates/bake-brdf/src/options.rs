@@ -1,6 +1,5 @@
 //! What of a recipe is baked, and how well.
 
-use crate::bake::BakeError;
 use crate::effects::{Decisions, EffectError, Effects, View};
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::tally::MAX_PATHS;
@@ -48,6 +47,22 @@ pub struct Options {
     pub precision: Precision,
     /// Which sides of the stack the table answers for.
     pub sides: Sides,
+}
+
+/// An option out of its range, or one that does not go with the recipe or with another option.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{field}: {why}")]
+pub struct OptionError {
+    /// The field of [`Options`]; of its targets `accuracy`, `paths` or `time_budget`, of its sides `both_sides`.
+    pub field: &'static str,
+    /// What is wrong, and what would be right.
+    pub why: String,
+}
+
+impl OptionError {
+    pub(crate) fn new(field: &'static str, why: impl Into<String>) -> Self {
+        Self { field, why: why.into() }
+    }
 }
 
 /// When a bake is finished.
@@ -114,9 +129,9 @@ impl Options {
     /// Checks every range, and what does not go together.
     ///
     /// # Errors
-    /// [`BakeError::Option`] of the first field that is wrong.
-    pub fn check(&self) -> Result<(), BakeError> {
-        let refuse = |field, why: String| Err(BakeError::Option { field, why });
+    /// The first field that is wrong.
+    pub fn check(&self) -> Result<(), OptionError> {
+        let refuse = |field, why: String| Err(OptionError::new(field, why));
         let angles = &self.incident_deg;
         if angles.is_empty() {
             return refuse(

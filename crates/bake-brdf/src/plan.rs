@@ -5,11 +5,11 @@
 use crate::bake::{self, BakeError, Bands, Observer, Request};
 use crate::effects::{Decisions, Effect, EffectError, EffectSet, View};
 use crate::options::{Options, SolverChoice};
+use crate::prices;
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::scene::Scene;
 use crate::spectra::{self, Wanted};
 use serde::Serialize;
-use transport::Geometry;
 
 /// What something costs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -192,7 +192,7 @@ impl PlannedPearl {
 pub fn costs(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<[Cost; 12], BakeError> {
     let mut costs = [Cost::default(); 12];
     let set = request.effects;
-    let file = Cost { seconds: OVERHEAD_SECONDS, bytes: HEADER_BYTES };
+    let file = Cost { seconds: prices::OVERHEAD_SECONDS, bytes: prices::HEADER_BYTES };
     let body = if set.has_lobe() { Effect::Surface } else { Effect::Body };
     costs[body as usize] = file;
     interference_costs(request, &mut costs);
@@ -243,39 +243,19 @@ fn interference_costs(request: &Request, costs: &mut [Cost; 12]) {
     for (i, effect) in [Effect::Coherent, Effect::Emission].into_iter().enumerate() {
         if set.contains(effect) {
             let own = whole[i].min(regular[i]);
-            costs[effect as usize] = Cost { seconds: own, bytes: SPECTRUM_BYTES[i] };
+            costs[effect as usize] = Cost { seconds: own, bytes: prices::SPECTRUM_BYTES[i] };
             costs[Effect::Irregularity as usize].seconds += whole[i] - own;
         }
     }
 }
 
-/// Bytes of M and Ê in the metadata: 91 and 31 angles of 80 bands as JSON text (a regular stack's M; an irregular one's
-/// has 31 angles too).
-const SPECTRUM_BYTES: [u64; 2] = [80_000, 27_000];
-
-/// Reading, assembling and writing a table, beside the solver: seconds (measured) and bytes of the file's header and
-/// metadata.
-const OVERHEAD_SECONDS: f64 = 0.01;
-const HEADER_BYTES: u64 = 5_000;
-/// Seconds that a row of a table takes beside its solution, most of them on one thread: CPU time of bakes of 11 to 91 incidences, less
-/// the solver's (in space 2.3e-3 of a walk and 3.8e-3 of doubling).
-const fn row_seconds(geometry: Geometry) -> f64 {
-    match geometry {
-        Geometry::Plane => 5e-4,
-        Geometry::Space => 3e-3,
-    }
-}
-/// Bytes of metadata an incidence, and compressed bytes a cell, by solver: measured on the paper's pearl.
-const INCIDENCE_BYTES: u64 = 700;
-const WALK_CELL_BYTES: f64 = 22.0;
-const DOUBLING_CELL_BYTES: f64 = 25.0;
-
 /// What the lobe costs: the walk from a pilot, doubling from its operation count.
 fn lobe_cost(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<Cost, BakeError> {
     let forecast = bake::forecast(request, bands, solver, &Observer::idle())?;
     let cells = forecast.cells as f64;
-    let each = if solver == SolverChoice::Doubling { DOUBLING_CELL_BYTES } else { WALK_CELL_BYTES };
-    let bytes = INCIDENCE_BYTES * request.options.incident_deg.len() as u64 + (cells * each) as u64;
-    let rows = row_seconds(request.geometry()) * forecast.rows as f64;
+    let each =
+        if solver == SolverChoice::Doubling { prices::DOUBLING_CELL_BYTES } else { prices::WALK_CELL_BYTES };
+    let bytes = prices::INCIDENCE_BYTES * request.options.incident_deg.len() as u64 + (cells * each) as u64;
+    let rows = prices::row_beside(request.geometry()) * forecast.rows as f64;
     Ok(Cost { seconds: forecast.seconds + rows, bytes })
 }

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use thinfilm::emission::SourceProfile;
-use thinfilm::{Dispersion, Material};
+use thinfilm::{Dispersion, Material, nanometres};
 use transport::{Facets, Normals, Sheets, Transport};
 
 /// Schema name of the recipes that this version reads.
@@ -512,7 +512,7 @@ impl Recipe {
             return Err(wrong("stack.layers", found, expected));
         }
         if whole.optical_depths[1] > 0.0 {
-            let found = format!("absorbs at {} nm", 1e9 * wavelength);
+            let found = format!("absorbs at {} nm", nanometres(wavelength));
             return Err(wrong(
                 "stack.conchiolin.k",
                 found,
@@ -533,7 +533,7 @@ impl Recipe {
         if conchiolin * phase > std::f64::consts::FRAC_PI_2 {
             let most = 0.25e9 * wavelength / conchiolin;
             let expected = format!("coherent_sheets needs at most a quarter of a wave, {most:.1} nm here");
-            return Err(wrong("stack.conchiolin.thickness_nm", 1e9 * thickness, expected));
+            return Err(wrong("stack.conchiolin.thickness_nm", nanometres(thickness), expected));
         }
         let count = layers.div_ceil(2);
         let mut indices = vec![ambient];

@@ -9,6 +9,7 @@
 //! σ → 0 it is R_coherent.
 
 use crate::effects::{Effect, EffectSet};
+use crate::prices;
 use crate::recipe::{Recipe, RecipeError};
 use lut_io::error::FieldError;
 use lut_io::spectra::{Coherent, Emission, Spectra};
@@ -35,22 +36,6 @@ const REFLECTANCE_WORK: f64 = 3e9;
 const IRREGULAR_WORK: f64 = 5e7;
 const FIELD_WORK: f64 = 7e8;
 const SLOW_FIELD_WORK: f64 = 2e7;
-/// Seconds of one AVX-512 core that a wave takes by itself and for each layer, by whether the stack repeats and whether it absorbs:
-/// CPU time of stacks of 1 to 10,000 layers, of those without absorption on an idle machine.
-const fn reflectance_price(repeats: bool, absorbs: bool) -> [f64; 2] {
-    match (repeats, absorbs) {
-        (true, false) => [6e-8, 1.7e-10],
-        (true, true) => [2e-7, 5e-10],
-        (false, false) => [5e-8, 6e-10],
-        (false, true) => [6e-8, 6.3e-9],
-    }
-}
-/// The same for stacks deeper than [`DEEPEST`], whose periods are doubled.
-const DOUBLED_PRICE: [f64; 2] = [1.3e-5, 0.0];
-/// The same for a wave with its field, which needs the robust form where the stack absorbs.
-const fn field_price(absorbs: bool) -> [f64; 2] {
-    if absorbs { [5e-7, 4.2e-7] } else { [4e-8, 1.9e-9] }
-}
 /// Members of an ensemble of irregular stacks: at least, and as many as bring the hue to ΔE00 ≈ 0.5.
 const FEWEST_MEMBERS: f64 = 2.0;
 const MEMBERS: f64 = 64.0;
@@ -301,28 +286,34 @@ fn absorbs(stack: &Stack) -> bool {
     })
 }
 
+/// Waves that M and Ê take, and layers that those pass; 0 where a colour is not wanted.
+#[must_use]
+pub fn counts(recipe: &Recipe, wanted: Wanted) -> [[f64; 2]; 2] {
+    let count = |stack: &Stack, effort: &Effort| [effort.waves, effort.waves * stack.layer_count() as f64];
+    let stack = wave_stack(recipe, wanted);
+    let coherent = || count(&stack, &coherent_effort(&stack).1);
+    let emission = || {
+        let stack = emission_stack(recipe, wanted);
+        count(&stack, &emission_effort(&stack).1)
+    };
+    [
+        if wanted.coherent == Want::No { [0.0; 2] } else { coherent() },
+        if wanted.emission == Want::No { [0.0; 2] } else { emission() },
+    ]
+}
+
 /// Seconds of one core that M and Ê take, each 0 where it is not wanted.
 #[must_use]
 pub fn forecast(recipe: &Recipe, wanted: Wanted) -> [f64; 2] {
     let stack = wave_stack(recipe, wanted);
     let absorbs = absorbs(&stack);
     let repeats = !stack.is_irregular() && stack.runs.iter().any(|run| run.repeat > 1);
-    let seconds = |[wave, layer]: [f64; 2], effort: &Effort, stack: &Stack| {
-        effort.waves * (wave + layer * stack.layer_count() as f64)
-    };
     let deep = stack.layer_count() > DEEPEST as u128;
-    let price = if deep { DOUBLED_PRICE } else { reflectance_price(repeats, absorbs) };
-    let coherent = || seconds(price, &coherent_effort(&stack).1, &stack);
-    let emission = || {
-        let stack = emission_stack(recipe, wanted);
-        let is_below = recipe.source_profile() == SourceProfile::Substrate;
-        let price = if is_below { price } else { field_price(absorbs) };
-        seconds(price, &emission_effort(&stack).1, &stack)
-    };
-    [
-        if wanted.coherent == Want::No { 0.0 } else { coherent() },
-        if wanted.emission == Want::No { 0.0 } else { emission() },
-    ]
+    let wave = if deep { prices::DOUBLED } else { prices::reflectance(repeats, absorbs) };
+    let is_below = recipe.source_profile() == SourceProfile::Substrate;
+    let field = if is_below { wave } else { prices::field(absorbs) };
+    let [coherent, emission] = counts(recipe, wanted);
+    [prices::sum(&coherent, &wave), prices::sum(&emission, &field)]
 }
 
 /// How finely a quantity is sampled.

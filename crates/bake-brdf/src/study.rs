@@ -2,7 +2,7 @@
 
 use crate::bake::cells::cell_shares;
 use crate::bake::sampling::{Sampling, Shard};
-use crate::bake::{BakeError, Bands, Observer, Request, exit_axis};
+use crate::bake::{BakeError, Bands, Observer, Request};
 use crate::effects::{Effect, EffectSet};
 use crate::options::Options;
 use crate::recipe::{AzimuthMode, Recipe};
@@ -164,7 +164,7 @@ impl Bench {
         let request = request(recipe, options, azimuth);
         request.options.check()?;
         let transport = request.transport()?;
-        let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+        let axis = request.exit_axis();
         say(&format!("{azimuth:?}: truth"));
         let solution = doubling::solve_to(&transport, request.geometry(), &request.theta_i(), TRUTH, false)
             .map_err(|why| BakeError::Input(format!("study: no truth to compare with: {why}")))?;
@@ -257,7 +257,7 @@ fn request(recipe: &Recipe, options: &Options, azimuth: AzimuthMode) -> Request 
 }
 
 fn walk(request: &Request, paths: u64) -> Result<Sampling, BakeError> {
-    let (mut sampling, _) = request.sampling(&Bands::own(&request.recipe), Shard::WHOLE)?;
+    let mut sampling = Sampling::of(request, &Bands::own(&request.recipe), Shard::WHOLE)?;
     sampling.walk_to_paths(paths, &Observer::idle())?;
     Ok(sampling)
 }
@@ -315,8 +315,11 @@ fn least_squares(points: &[(f64, f64)]) -> (f64, f64) {
     (slope, my - slope * mx)
 }
 
-/// Nanoseconds a crossing with and without each effect, in turn.
-fn effects(recipe: &Recipe, options: &Options) -> Result<Vec<EffectCost>, BakeError> {
+/// What each effect adds to a crossing, measured in turn with and without it. Of the options it takes the event cap.
+///
+/// # Errors
+/// A bad recipe.
+pub fn effects(recipe: &Recipe, options: &Options) -> Result<Vec<EffectCost>, BakeError> {
     let options = Options { incident_deg: vec![30.0], ..options.clone() };
     let base = request(recipe, &options, AzimuthMode::Decay);
     let mut absorbing = base.clone();

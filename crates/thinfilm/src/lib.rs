@@ -20,6 +20,6 @@ pub mod stack;
 pub mod wave;
 
 pub use field::Field;
-pub use material::{Dispersion, Material, MaterialError};
+pub use material::{Dispersion, Material, MaterialError, nanometres};
 pub use stack::{Gain, Indices, Stack, StackError, StackLayer, StackRun};
 pub use wave::{Incidence, Layer, Multilayer, Polarisation, Response, Run, WaveError};

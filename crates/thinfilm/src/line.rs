@@ -7,6 +7,7 @@
 use rayon::prelude::*;
 
 use crate::dense;
+use crate::material::nanometres;
 use crate::stack::{Stack, StackError};
 use crate::wave::WaveError;
 
@@ -173,7 +174,7 @@ impl Line {
     /// Vacuum wavelengths in the line, and their weights, which sum to 1.
     fn waves(self, centre: f64, count: usize) -> Result<(Vec<f64>, Vec<f64>), StackError> {
         if !(centre.is_finite() && centre > 0.0) {
-            return Err(WaveError::Wavelength { wavelength_nm: centre * 1e9 }.into());
+            return Err(WaveError::Wavelength { wavelength_nm: nanometres(centre) }.into());
         }
         let share = self.width / centre;
         let reach = match self.shape {
@@ -183,9 +184,9 @@ impl Line {
         if !(self.width > 0.0 && share * reach <= WIDEST) {
             let why = format!(
                 "the line is {} nm wide at {} nm; its width must be positive and at most {} nm there",
-                self.width * 1e9,
-                centre * 1e9,
-                WIDEST / reach * centre * 1e9
+                nanometres(self.width),
+                nanometres(centre),
+                nanometres(WIDEST / reach * centre)
             );
             return Err(WaveError::Unsuitable(why).into());
         }

@@ -93,12 +93,12 @@ impl Dispersion {
                 let n2: f64 = 1.0 + b.iter().zip(c_um2).map(|(b, c)| b * um2 / (um2 - c)).sum::<f64>();
                 (n2.sqrt(), 0.0)
             }
-            Self::Table(rows) => table_at(rows, wavelength * 1e9)?,
+            Self::Table(rows) => table_at(rows, wavelength)?,
         };
         if n.is_finite() && n > 0.0 {
             Ok((n, k))
         } else {
-            Err(MaterialError::NoIndex { wavelength_nm: wavelength * 1e9, n })
+            Err(MaterialError::NoIndex { wavelength_nm: nanometres(wavelength), n })
         }
     }
 
@@ -152,7 +152,8 @@ fn check_table(rows: &[[f64; 3]]) -> Result<(), MaterialError> {
     }
 }
 
-fn table_at(rows: &[[f64; 3]], nm: f64) -> Result<(f64, f64), MaterialError> {
+fn table_at(rows: &[[f64; 3]], wavelength: f64) -> Result<(f64, f64), MaterialError> {
+    let nm = wavelength * 1e9;
     let (first, last) = match rows {
         [first, .., last] => (first, last),
         [only] => (only, only),
@@ -161,7 +162,8 @@ fn table_at(rows: &[[f64; 3]], nm: f64) -> Result<(f64, f64), MaterialError> {
     // A wavelength that went through metres and back may miss the end of the table by a rounding error.
     let slack = 1e-9 * nm;
     if !(nm >= first[0] - slack && nm <= last[0] + slack) {
-        return Err(MaterialError::OutsideTable { wavelength_nm: nm, from_nm: first[0], to_nm: last[0] });
+        let wavelength_nm = nanometres(wavelength);
+        return Err(MaterialError::OutsideTable { wavelength_nm, from_nm: first[0], to_nm: last[0] });
     }
     let above = rows.partition_point(|row| row[0] < nm).clamp(1, rows.len().max(2) - 1);
     let (Some(lo), Some(hi)) = (rows.get(above - 1), rows.get(above)) else {
@@ -169,6 +171,12 @@ fn table_at(rows: &[[f64; 3]], nm: f64) -> Result<(f64, f64), MaterialError> {
     };
     let t = ((nm - lo[0]) / (hi[0] - lo[0])).clamp(0.0, 1.0);
     Ok((lo[1] + t * (hi[1] - lo[1]), lo[2] + t * (hi[2] - lo[2])))
+}
+
+/// A length in metres for people to read, in nm: 14 digits, so that what went through metres comes back as it was.
+#[must_use]
+pub fn nanometres(metres: f64) -> f64 {
+    format!("{:.13e}", metres * 1e9).parse().unwrap_or(f64::NAN)
 }
 
 #[derive(Deserialize)]
@@ -264,6 +272,16 @@ mod tests {
     fn cauchy_is_a_series_in_inverse_squared_micrometres() {
         let n = Dispersion::Cauchy(vec![1.5, 0.004, 0.0002]).at(500e-9).unwrap().0;
         assert!((n - (1.5 + 0.004 / 0.25 + 0.0002 / 0.0625)).abs() < 1e-14);
+    }
+
+    #[test]
+    fn lengths_that_went_through_metres_are_printed_as_they_were_given() {
+        for tenths in 1..20_000 {
+            let nm = f64::from(tenths) / 10.0;
+            assert_eq!(nanometres(nm * 1e-9), nm);
+        }
+        let refusal = Dispersion::Table(vec![[600.0, 1.5, 0.0]]).at(500e-9).unwrap_err().to_string();
+        assert_eq!(refusal, "the index table covers 600 to 600 nm, not 500 nm");
     }
 
     #[test]

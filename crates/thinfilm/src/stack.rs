@@ -5,7 +5,7 @@ use rand::SeedableRng as _;
 use rand::rngs::StdRng;
 use rand_distr::{Distribution as _, Normal};
 
-use crate::material::{Material, MaterialError};
+use crate::material::{Material, MaterialError, nanometres};
 use crate::wave::{Layer, Multilayer, Run, WaveError};
 
 /// One layer of a stack: which material, how thick, how irregular.
@@ -160,12 +160,14 @@ impl Stack {
                 return Err(StackError::NoMaterial { layer: at + 1, material, materials });
             }
             if !(layer.thickness.is_finite() && layer.thickness >= 0.0) {
-                return Err(
-                    WaveError::Thickness { layer: at + 1, thickness_nm: layer.thickness * 1e9 }.into()
-                );
+                return Err(WaveError::Thickness {
+                    layer: at + 1,
+                    thickness_nm: nanometres(layer.thickness),
+                }
+                .into());
             }
             if !(layer.thickness_sd.is_finite() && layer.thickness_sd >= 0.0) {
-                return Err(StackError::Spread { layer: at + 1, sd_nm: layer.thickness_sd * 1e9 });
+                return Err(StackError::Spread { layer: at + 1, sd_nm: nanometres(layer.thickness_sd) });
             }
         }
         Ok(())
@@ -177,7 +179,7 @@ impl Stack {
     /// A table that does not cover the wavelength; negative k without [`Gain::Allowed`]; a wavelength that is no length.
     pub fn indices(&self, wavelength: f64) -> Result<Indices, StackError> {
         if !(wavelength.is_finite() && wavelength > 0.0) {
-            return Err(WaveError::Wavelength { wavelength_nm: wavelength * 1e9 }.into());
+            return Err(WaveError::Wavelength { wavelength_nm: nanometres(wavelength) }.into());
         }
         let index = |material: &Material, medium: &dyn Fn() -> String| {
             let index = material

@@ -14,6 +14,7 @@
 
 use num_complex::Complex64;
 
+use crate::material::nanometres;
 use crate::precise::{Precise, PreciseComplex};
 use crate::scaled::{Scaled, exp_parts, exponent_of, times_power_of_two};
 use crate::scattering::Scattering;
@@ -612,7 +613,7 @@ impl Multilayer {
 
     pub(crate) fn check(&self, wavelength: f64) -> Result<(), WaveError> {
         if !(wavelength.is_finite() && wavelength > 0.0 && (1.0 / wavelength).is_finite()) {
-            return Err(WaveError::Wavelength { wavelength_nm: wavelength * 1e9 });
+            return Err(WaveError::Wavelength { wavelength_nm: nanometres(wavelength) });
         }
         for (name, index) in self.media() {
             // Squares must not leave f64: no material comes near these bounds.
@@ -624,7 +625,10 @@ impl Multilayer {
         let layers = self.runs.iter().flat_map(|run| run.unit.iter().enumerate());
         for (at, layer) in layers {
             if !(layer.thickness.is_finite() && layer.thickness >= 0.0) {
-                return Err(WaveError::Thickness { layer: at + 1, thickness_nm: layer.thickness * 1e9 });
+                return Err(WaveError::Thickness {
+                    layer: at + 1,
+                    thickness_nm: nanometres(layer.thickness),
+                });
             }
         }
         Ok(())

@@ -2,7 +2,7 @@
 
 use super::cells::cell_shares;
 use super::halfway::{self, Halfway, Row};
-use super::{BakeError, Bands, Lobes, Request};
+use super::{BakeError, Bands, Request};
 use crate::bake::sampling::Sampling;
 use crate::options::{SolverChoice, Target};
 use crate::tally::CellShares;
@@ -26,13 +26,14 @@ pub(super) struct Incidence {
 }
 
 /// The table of a finished walk, with those of its further bands.
-pub(super) fn walk_tables(request: &Request, lobes: &Lobes, sampling: &Sampling) -> Result<Table, BakeError> {
-    let table = |band: usize, request: &Request| {
-        walk_table(request, &lobes.transports[band], &lobes.axis, sampling, band)
+pub(super) fn walk_tables(request: &Request, bands: &Bands, sampling: &Sampling) -> Result<Table, BakeError> {
+    let table = |(nm, band)| {
+        let request = request.at_wavelength(nm);
+        Ok(walk_table(&request, &request.transport()?, &request.exit_axis(), sampling, band))
     };
-    let further = lobes.bands.further_nm.iter().zip(1..);
-    let further = further.map(|(nm, band)| table(band, &request.at_wavelength(*nm))).collect();
-    joined(table(0, request), further, &lobes.bands)
+    let mut tables = bands.all_nm().zip(0..).map(table).collect::<Result<Vec<_>, BakeError>>()?;
+    let further = tables.split_off(1);
+    joined(tables.remove(0), further, bands)
 }
 
 /// The table of the recipe's wavelength with those of its further bands.

@@ -6,10 +6,11 @@
 //! sheets, facets too smooth for its grid, too many different layers) it is the reflectance of the smooth stack. Only the choice
 //! of bands rests on it: every band is then solved as a bake of that wavelength alone would be.
 
-use super::cells::cell_shares;
-use super::{BakeError, COARSEST_DOUBLING, Request, exit_axis};
+use super::cells::{cell_shares, exit_axis};
+use super::{BakeError, COARSEST_DOUBLING, Request};
 use crate::effects::Effect;
 use crate::options::{DEFAULT_ACCURACY_PERCENT, Target};
+use crate::prices;
 use crate::recipe::Recipe;
 use crate::spectra;
 use rayon::prelude::*;
@@ -26,10 +27,6 @@ const FINER: f64 = 0.25;
 const CHEAP_SHARES: [f64; 2] = [1e-4, 5e-3];
 /// Seconds of one core that one cheap solution may take.
 const AFFORDABLE: f64 = 0.1;
-/// Seconds of one core that a cheap solution takes beside its doubling (its lobes become cells), and a layer of the smooth
-/// stack at an incidence.
-const SOLVED_SECONDS: f64 = 2e-3;
-const SMOOTH_SECONDS: f64 = 1e-7;
 /// Wavelengths over which the shares of sRGB's channels are summed.
 const COLOUR_SAMPLES: usize = 801;
 
@@ -57,6 +54,11 @@ impl Bands {
     /// All wavelengths, the recipe's own first, nm.
     pub fn all_nm(&self) -> impl Iterator<Item = f64> {
         std::iter::once(self.own_nm).chain(self.further_nm.iter().copied())
+    }
+
+    /// The transport problem of a request at each of [`Self::all_nm`].
+    pub(super) fn transports(&self, request: &Request) -> Result<Vec<Transport>, BakeError> {
+        self.all_nm().map(|nm| request.at_wavelength(nm).transport()).collect()
     }
 
     /// How a value at a wavelength (nm) is read: the bands of [`Self::all_nm`] around it, and their shares.
@@ -129,9 +131,9 @@ pub(super) fn seconds_to_choose(request: &Request) -> Result<f64, BakeError> {
     let transport = request.transport()?;
     let each = match cheap_settings(&transport, chosen_to(request.options.target)) {
         Some(settings) => {
-            SOLVED_SECONDS + settings.cost(&transport, Geometry::Plane, ANGLES_DEG.len()).seconds
+            prices::BAND_SOLVED + settings.cost(&transport, Geometry::Plane, ANGLES_DEG.len()).seconds
         }
-        None => SMOOTH_SECONDS * (ANGLES_DEG.len() * transport.layers()) as f64,
+        None => prices::BAND_SMOOTH * (ANGLES_DEG.len() * transport.layers()) as f64,
     };
     Ok(each * looked_at(request).len() as f64)
 }

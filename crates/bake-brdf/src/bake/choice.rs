@@ -4,40 +4,18 @@
 //! paths that a few scouts find it needs; both are priced in seconds of the same core. So the choice, and with it the bytes
 //! of the table, depend on the request alone: not on the machine, its load, or the number of threads.
 //!
-//! The prices are fitted to measured bakes, as `cargo run --release -p bake-brdf --example choice -- --fit` does; without `--fit` it
-//! tries the choice on requests that the fit has not seen.
+//! `cargo run --release -p bake-brdf --example choice` tries the choice on requests that the fit of the prices has not seen.
 
 use super::effort::{self, Effort};
 use super::halfway::{self, Auxiliary};
-use super::{BakeError, Bands, COARSEST_DOUBLING, Request, exit_axis, walk_only};
+use super::{BakeError, Bands, COARSEST_DOUBLING, Request, walk_only};
 use crate::effects::Effect;
-use crate::options::{Sides, SolverChoice, Target};
+use crate::options::{OptionError, Sides, SolverChoice, Target};
+use crate::prices::{self, ROWS, WALKED};
 use lut_io::axis::ExitAxis;
-use transport::doubling::{DoublingError, OPERATIONS, Settings, prices};
+use transport::doubling::{self, DoublingError, OPERATIONS, Settings};
 use transport::walk::lanes::Precision;
 use transport::{Geometry, Normals, Transport};
-
-/// What making rows of a table from a solution is counted in: incidences, half-way ones included, and values that
-/// basis functions take in cells.
-pub const ROWS: [&str; 2] = ["row", "basis value in a row"];
-/// What a walk is counted in: crossings (weighted by the effects they carry), paths, and rows of the table.
-pub const WALKED: [&str; 3] = ["crossing", "path", "row"];
-
-/// Seconds of one AVX-512 core for each of [`ROWS`]; what a row takes by itself is in the price of an incidence.
-const fn row_prices(geometry: Geometry) -> [f64; ROWS.len()] {
-    match geometry {
-        Geometry::Plane => [0.0, 3.6e-8],
-        Geometry::Space => [0.0, 1e-8],
-    }
-}
-
-/// Seconds of one AVX-512 core for each of [`WALKED`].
-const fn walk_prices(geometry: Geometry) -> [f64; WALKED.len()] {
-    match geometry {
-        Geometry::Plane => [1.9e-9, 2.6e-8, 2.8e-4],
-        Geometry::Space => [2.2e-9, 3.1e-8, 4.5e-3],
-    }
-}
 
 /// Incidences at which paths are scouted: a few tell solvers apart whose prices differ by more than a factor of [`CLEAR`].
 const FEW_SCOUTS: usize = 2;
@@ -47,11 +25,6 @@ const CLEAR: f64 = 3.0;
 const BEYOND_DOUBT: f64 = 10.0;
 /// Layers up to which scouts cost no more than the probe that may save them.
 const SHALLOW: usize = 100;
-
-/// Factors of the effects on a crossing (`bake-brdf study`).
-const DOUBLE_PRECISION: f64 = 1.8;
-const VISIBLE: f64 = 1.4;
-const ABSORBING: f64 = 1.2;
 
 /// What either solver has to do for a request.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,7 +48,7 @@ struct DoublingCounts {
 impl DoublingCounts {
     /// Seconds of one core.
     fn seconds(&self, geometry: Geometry) -> f64 {
-        solver_seconds(geometry, &self.solver) + dot(&self.rows, &row_prices(geometry))
+        solver_seconds(geometry, &self.solver) + prices::sum(&self.rows, &prices::rows(geometry))
     }
 }
 
@@ -88,17 +61,13 @@ struct WalkCounts {
 impl WalkCounts {
     /// Seconds of one core.
     fn seconds(&self, geometry: Geometry) -> f64 {
-        dot(&self.own, &walk_prices(geometry)) + beside_seconds(geometry, &self.beside)
+        prices::sum(&self.own, &prices::walked(geometry)) + beside_seconds(geometry, &self.beside)
     }
 }
 
 /// Seconds of one core that so many [`OPERATIONS`] take.
 pub(super) fn solver_seconds(geometry: Geometry, counts: &[f64]) -> f64 {
-    dot(counts, &prices(geometry))
-}
-
-fn dot(counts: &[f64], prices: &[f64]) -> f64 {
-    counts.iter().zip(prices).map(|(count, price)| count * price).sum()
+    prices::sum(counts, &doubling::prices(geometry))
 }
 
 /// Who solves a request: the one chosen; [`SolverChoice::Auto`] decided; without a choice the walk, or doubling where nothing is
@@ -126,8 +95,8 @@ pub(super) fn accuracy_percent(request: &Request) -> Result<f64, BakeError> {
     match request.options.target {
         Target::AccuracyPercent(percent) => Ok(percent),
         Target::Paths(_) | Target::Time(_) => {
-            let why = "doubling walks no paths; expected an accuracy, not paths or a time budget".to_owned();
-            Err(BakeError::Option { field: "solver", why })
+            let why = "doubling walks no paths; expected an accuracy, not paths or a time budget";
+            Err(OptionError::new("solver", why).into())
         }
     }
 }
@@ -208,11 +177,10 @@ pub fn counts(request: &Request) -> Result<Counts, BakeError> {
 
 fn counts_of_doubling(request: &Request, transport: &Transport, accuracy: f64) -> DoublingCounts {
     let geometry = request.geometry();
-    let axis = exit_axis(geometry, transport.facets.slope_sd);
     let settings = settings(transport, geometry, accuracy);
     DoublingCounts {
         solver: doubling_counts(request, transport, accuracy),
-        rows: row_counts(&axis, &settings, solved_incidences(request).len()),
+        rows: row_counts(&request.exit_axis(), &settings, solved_incidences(request).len()),
     }
 }
 
@@ -233,12 +201,11 @@ fn counts_beside_walk(
     crossings: f64,
 ) -> [f64; OPERATIONS.len() + ROWS.len()] {
     let geometry = request.geometry();
-    let axis = exit_axis(geometry, transport.facets.slope_sd);
     let mut beside = [0.0; OPERATIONS.len() + ROWS.len()];
     if let Some(auxiliary) = Auxiliary::of(transport, geometry, &request.theta_i(), crossings) {
         let (solver, rows) = beside.split_at_mut(OPERATIONS.len());
         solver.copy_from_slice(&auxiliary.cost.counts);
-        rows.copy_from_slice(&row_counts(&axis, &auxiliary.settings, auxiliary.incidences()));
+        rows.copy_from_slice(&row_counts(&request.exit_axis(), &auxiliary.settings, auxiliary.incidences()));
     }
     beside
 }
@@ -250,7 +217,7 @@ pub(super) fn seconds_beside_walk(request: &Request, transport: &Transport, cros
 
 fn beside_seconds(geometry: Geometry, beside: &[f64]) -> f64 {
     let (solver, rows) = beside.split_at(OPERATIONS.len());
-    solver_seconds(geometry, solver) + dot(rows, &row_prices(geometry))
+    solver_seconds(geometry, solver) + prices::sum(rows, &prices::rows(geometry))
 }
 
 /// The settings that doubling starts with.
@@ -301,9 +268,9 @@ fn row_counts(axis: &ExitAxis, settings: &Settings, incidences: usize) -> [f64; 
 /// What the effects make of a crossing.
 fn crossing_weight(request: &Request, transport: &Transport) -> f64 {
     let factor = |on: bool, factor: f64| if on { factor } else { 1.0 };
-    factor(request.options.precision.resolve(transport) == Precision::F64, DOUBLE_PRECISION)
-        * factor(transport.facets.normals == Normals::Visible, VISIBLE)
-        * factor(transport.absorbs(), ABSORBING)
+    factor(request.options.precision.resolve(transport) == Precision::F64, prices::DOUBLE_PRECISION)
+        * factor(transport.facets.normals == Normals::Visible, prices::VISIBLE)
+        * factor(transport.absorbs(), prices::ABSORBING)
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::sampling::{BLOCK, Sampling, Shard, Task};
 use super::{BakeError, Bands, Observer, Request};
-use crate::options::Target;
+use crate::options::{OptionError, Target};
 use crate::tally::{CHUNK, MAX_PATHS, Tally};
 use rayon::prelude::*;
 use std::time::Duration;
@@ -60,7 +60,7 @@ impl Sampling {
                 let why = format!(
                     "{percent} % needs {most:.1e} paths an incidence, more than {MAX_PATHS:.1e}; expected less accuracy, or solver doubling"
                 );
-                return Err(BakeError::Option { field: "accuracy", why });
+                return Err(OptionError::new("accuracy", why).into());
             }
             if self.have_reached(&targets) {
                 return Ok(());
@@ -341,7 +341,8 @@ pub(super) fn least_effort(request: &Request, probed: Option<usize>) -> Result<E
 /// The walk of a request at `count` of its incidences at most.
 fn at_some(request: &Request, bands: &Bands, count: usize) -> Result<Sampling, BakeError> {
     let angles = &request.options.incident_deg;
-    let (mut sampling, _) = request.at_incidences(spread_out(angles, count)).sampling(bands, Shard::WHOLE)?;
+    let request = request.at_incidences(spread_out(angles, count));
+    let mut sampling = Sampling::of(&request, bands, Shard::WHOLE)?;
     sampling.set_among(angles.len());
     Ok(sampling)
 }

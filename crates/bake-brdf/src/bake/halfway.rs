@@ -4,6 +4,7 @@
 //! error is *measured* there. Else it is *estimated* from second differences of the table's own rows.
 
 use super::cells::cell_shares;
+use crate::prices;
 use crate::recipe::Recipe;
 use lut_io::axis::ExitAxis;
 use lut_io::measure;
@@ -17,13 +18,10 @@ use transport::{Geometry, Transport};
 const PARTS: usize = 8;
 /// Total variation of the auxiliary solution of a walk.
 const AUXILIARY_SHARE: f64 = 5e-3;
-/// An auxiliary solution may cost this share of the walk it belongs to, or so many seconds of one core if that is more.
+/// An auxiliary solution may cost this share of the walk it belongs to, or so many seconds of one core if that is more: a ratio of
+/// counts that no clock enters.
 const AFFORDABLE: f64 = 0.1;
 const NEGLIGIBLE: f64 = 0.2;
-/// Seconds of one core behind a crossing of the walk, AVX-512: with [`Settings::cost`], a ratio of counts that no clock
-/// enters.
-const CROSSING: f64 = 1.5e-9;
-
 /// The error of reading half-way between two incidences, worst interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Halfway {
@@ -213,7 +211,7 @@ impl Auxiliary {
             return None;
         }
         let cost = settings.cost(transport, geometry, incidences.len());
-        let affordable = cost.seconds <= (AFFORDABLE * CROSSING * crossings).max(NEGLIGIBLE);
+        let affordable = cost.seconds <= (AFFORDABLE * prices::CROSSING * crossings).max(NEGLIGIBLE);
         affordable.then_some(Self { nodes, intervals, theta_i: incidences, settings, cost })
     }
 }

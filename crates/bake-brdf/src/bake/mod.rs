@@ -12,17 +12,17 @@ pub mod sampling;
 mod second_side;
 pub mod snapshot;
 
+pub use crate::prices::{ROWS, WALKED};
 pub use bands::Bands;
-pub use choice::{Counts, ROWS, WALKED, choose_solver, counts, solver};
-pub(crate) use request::Lobes;
+pub use cells::exit_axis;
+pub use choice::{Counts, choose_solver, counts, solver};
 pub use request::Request;
 
 use crate::effects::{Effect, EffectError, EffectSet};
-use crate::options::{Sides, SolverChoice, Target};
+use crate::options::{OptionError, Sides, SolverChoice, Target};
 use crate::recipe::RecipeError;
 use crate::spectra::{self, Colours, SpectraError};
 use crate::tally::Tally;
-use lut_io::axis::{ExitAxis, MAX_WIDTH};
 use lut_io::dispersion::Dispersion;
 use lut_io::table::Table;
 use sampling::{Sampling, Shard, State};
@@ -30,16 +30,7 @@ use snapshot::Snapshot;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use transport::doubling::{self, DoublingError};
-use transport::{Geometry, Light, Transport};
-
-/// Columns of a plane table: cells of 0.07 σ-widths at the lobe's centre keep the reading error near 5e-4.
-const PLANE_CELLS: usize = 128;
-/// Columns of a space table.
-const SPACE_THETA_CELLS: usize = 64;
-/// φ cells of a space table.
-const SPACE_PHI_CELLS: usize = 32;
-/// Narrowest stretch width, radians: directions are stored in f32, whose angles are good to 6e-8.
-const NARROWEST: f64 = 1e-6;
+use transport::{Light, Transport};
 
 /// Loosest total variation that doubling is asked for: below this its own minimum resolution is finer anyway.
 const COARSEST_DOUBLING: f64 = 0.05;
@@ -51,14 +42,9 @@ pub enum BakeError {
     /// The recipe is wrong.
     #[error(transparent)]
     Recipe(#[from] RecipeError),
-    /// An option out of its range, or one that does not go with the recipe or with another option.
-    #[error("{field}: {why}")]
-    Option {
-        /// The field of [`crate::options::Options`]; of its targets `accuracy`, `paths` or `time_budget`.
-        field: &'static str,
-        /// What is wrong, and what would be right.
-        why: String,
-    },
+    /// One of the options.
+    #[error(transparent)]
+    Option(#[from] OptionError),
     /// A list of effects.
     #[error(transparent)]
     Effects(#[from] EffectError),
@@ -135,30 +121,15 @@ impl Progress<'_> {
     }
 }
 
-/// The exit cells of a table for this geometry and facet slope (radians).
-#[must_use]
-pub fn exit_axis(geometry: Geometry, slope_sd: f64) -> ExitAxis {
-    // Twice the slope is the width of a single reflection, the narrowest thing in the lobe.
-    let width = (2.0 * slope_sd).clamp(NARROWEST, MAX_WIDTH);
-    match geometry {
-        Geometry::Plane => ExitAxis::Plane { cells: PLANE_CELLS, width },
-        Geometry::Space => {
-            ExitAxis::Space { theta_cells: SPACE_THETA_CELLS, phi_cells: SPACE_PHI_CELLS, width }
-        }
-    }
-}
-
 /// A table without a lobe: all light goes to the body. No solver is needed.
 ///
 /// # Errors
 /// A bad request.
 fn lobeless(request: &Request) -> Result<Table, BakeError> {
     request.options.check()?;
-    let transport = request.transport()?;
-    let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
     // Two incidences hold what there is to say.
     let request = request.at_incidences(vec![0.0, 90.0]);
-    Ok(assemble::lobeless_table(&request, &transport, &axis))
+    Ok(assemble::lobeless_table(&request, &request.transport()?, &request.exit_axis()))
 }
 
 /// Bakes a table: chooses bands and solver, solves, adds colours.
@@ -188,7 +159,7 @@ pub fn may_walk(request: &Request) -> bool {
 /// A target of paths or time, or a problem out of the solver's reach; the message says what would do.
 pub fn doubling(request: &Request, bands: &Bands) -> Result<Table, BakeError> {
     let both_sides = request.options.sides == Sides::Both;
-    let refuse = |why: &str| Err(BakeError::Option { field: "both_sides", why: why.to_owned() });
+    let refuse = |why: &str| Err(OptionError::new("both_sides", why).into());
     if !request.effects.has_lobe() {
         if both_sides {
             return refuse("the effects leave no lobe; expected surface or blur among them");
@@ -219,7 +190,7 @@ fn doubled_percent(request: &Request) -> Result<f64, BakeError> {
     let transport = request.transport()?;
     if let Some(why) = walk_only(&transport) {
         let why = format!("doubling cannot: {why}; expected walk or auto");
-        return Err(BakeError::Option { field: "solver", why });
+        return Err(OptionError::new("solver", why).into());
     }
     if transport.facets.slope_sd > 0.0 {
         choice::check_doubling(request, &transport, percent / 100.0)?;
@@ -229,7 +200,7 @@ fn doubled_percent(request: &Request) -> Result<f64, BakeError> {
 
 /// The table of one wavelength, without colours.
 fn doubled(request: &Request, transport: &Transport, percent: f64) -> Result<Table, BakeError> {
-    let axis = exit_axis(request.geometry(), transport.facets.slope_sd);
+    let axis = request.exit_axis();
     let both_sides = request.options.sides == Sides::Both;
     if transport.facets.slope_sd == 0.0 {
         let lobes = doubling::smooth(transport, &request.theta_i())?;
@@ -276,7 +247,7 @@ pub fn walk(
     if !request.effects.has_lobe() {
         return coloured(request, lobeless(request)?, &request.colours()?);
     }
-    let (mut sampling, lobes) = request.sampling(bands, Shard::WHOLE)?;
+    let mut sampling = Sampling::of(request, bands, Shard::WHOLE)?;
     // Before the lobe, so that a refusal comes before the work.
     let colours = request.colours()?;
     let result = walk_target(request, &mut sampling, observer, resume);
@@ -284,7 +255,7 @@ pub fn walk(
         (checkpoint.keep)(&sampling.state());
     }
     result?;
-    coloured(request, assemble::walk_tables(request, &lobes, &sampling)?, &colours)
+    coloured(request, assemble::walk_tables(request, bands, &sampling)?, &colours)
 }
 
 /// Adds the colours; thicknesses matter to nothing else, so that irregularity is held if a colour is.
@@ -378,10 +349,9 @@ pub fn forecast(
     if !request.effects.has_lobe() {
         return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0, cells: 0, rows: 0 });
     }
-    let transports = request.transports(bands)?;
-    let axis = exit_axis(request.geometry(), transports[0].facets.slope_sd);
+    let transports = bands.transports(request)?;
     let rows = (request.options.incident_deg.len() * transports.len()) as u64;
-    let cells = axis.cells() as u64 * rows;
+    let cells = request.exit_axis().cells() as u64 * rows;
     let threads = rayon::current_num_threads() as f64;
     let (solved, paths) = if solver == SolverChoice::Doubling {
         let percent = doubled_percent(request)?;

@@ -4,7 +4,7 @@
 //! each, so that nothing else is needed. A bake to an accuracy goes through its decisions again; one to a time walks
 //! the paths that the table says it holds.
 
-use super::sampling::Shard;
+use super::sampling::{Sampling, Shard};
 use super::{BakeError, Observer, Request, assemble};
 use crate::effects::{Effect, EffectSet, Effects};
 use crate::options::{DEFAULT_EVENT_CAP, Options, Sides, SolverChoice, Target};
@@ -129,9 +129,9 @@ fn bake_as_walked(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeErr
     let further = Dispersion::of(meta).map_err(|error| BakeError::Input(error.to_string()))?;
     let further = further.iter().flat_map(|section| &section.bands).flat_map(|band| &band.per_incidence);
     let paths: Vec<u64> = meta.per_incidence.iter().chain(further).map(|at| at.paths).collect();
-    let (mut sampling, lobes) = request.sampling(&bands, Shard::WHOLE)?;
+    let mut sampling = Sampling::of(&request, &bands, Shard::WHOLE)?;
     sampling.walk_to(&paths, observer)?;
-    let table = assemble::walk_tables(&request, &lobes, &sampling)?;
+    let table = assemble::walk_tables(&request, &bands, &sampling)?;
     super::coloured(&request, table, &request.colours()?)
 }
 

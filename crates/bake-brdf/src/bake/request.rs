@@ -1,7 +1,7 @@
 //! A request: a recipe, what of it is baked, and how well.
 
-use super::sampling::{Sampling, Shard};
-use super::{BakeError, Bands, exit_axis};
+use super::BakeError;
+use super::cells::exit_axis;
 use crate::effects::{Effect, EffectError, EffectSet, Effects, View};
 use crate::options::{Options, SolverChoice};
 use crate::recipe::{AzimuthMode, Recipe};
@@ -18,13 +18,6 @@ pub struct Request {
     pub effects: EffectSet,
     /// How well.
     pub options: Options,
-}
-
-/// The lobes of a request: their wavelengths, the transport problem at each, and the exit cells of all.
-pub(crate) struct Lobes {
-    pub(crate) bands: Bands,
-    pub(crate) transports: Vec<Transport>,
-    pub(crate) axis: ExitAxis,
 }
 
 impl Request {
@@ -45,6 +38,12 @@ impl Request {
             AzimuthMode::Decay => Geometry::Plane,
             AzimuthMode::Space => Geometry::Space,
         }
+    }
+
+    /// The exit cells of the table.
+    #[must_use]
+    pub fn exit_axis(&self) -> ExitAxis {
+        exit_axis(self.geometry(), self.recipe.facets.slope_sd_deg.to_radians())
     }
 
     /// The transport problem at the recipe's wavelength, of the effects that are baked.
@@ -72,11 +71,6 @@ impl Request {
             transport.optical_depths = vec![0.0];
         }
         Ok(transport)
-    }
-
-    /// The transport problem at each band, the recipe's own wavelength first.
-    pub(super) fn transports(&self, bands: &Bands) -> Result<Vec<Transport>, BakeError> {
-        bands.all_nm().map(|nm| self.at_wavelength(nm).transport()).collect()
     }
 
     /// The same request at a wavelength, nm.
@@ -109,14 +103,6 @@ impl Request {
     /// Which interference colours the effects call for: a listed one that this stack cannot have is an error.
     pub(super) fn wanted_colours(&self) -> Wanted {
         Wanted::by_effects(self.effects, matches!(self.options.effects, Effects::Listed(_)))
-    }
-
-    pub(crate) fn sampling(&self, bands: &Bands, shard: Shard) -> Result<(Sampling, Lobes), BakeError> {
-        self.options.check()?;
-        let transports = self.transports(bands)?;
-        let axis = exit_axis(self.geometry(), self.recipe.facets.slope_sd_deg.to_radians());
-        let sampling = Sampling::new(self, &transports, &axis, shard)?;
-        Ok((sampling, Lobes { bands: bands.clone(), transports, axis }))
     }
 
     /// Names what a bake of this request by this solver holds: equal for equal tables (`content_hash` of the metadata).

@@ -1,6 +1,6 @@
 //! The Monte Carlo side of a bake: paths walked in tasks into tallies. How many are enough is decided in `effort`.
 
-use super::{BakeError, Observer, Progress, Request};
+use super::{BakeError, Bands, Observer, Progress, Request};
 use crate::recipe::Azimuth;
 use crate::tally::{CHUNK, Cells, Tally};
 use lut_io::axis::ExitAxis;
@@ -10,7 +10,6 @@ use serde::{Deserialize, Serialize};
 use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use transport::Transport;
 use transport::walk::lanes::{Precision, Walker};
 use transport::walk::{Exit, Fate};
 
@@ -84,25 +83,23 @@ pub(super) struct Task {
 }
 
 impl Sampling {
-    /// Prepares the walk of a request: the transport problem of each band, into the cells of `axis`.
+    /// Prepares the walk of a request at its bands.
     ///
     /// # Errors
-    /// The walk cannot be prepared for this stack.
-    pub(super) fn new(
-        request: &Request,
-        transports: &[Transport],
-        axis: &ExitAxis,
-        shard: Shard,
-    ) -> Result<Self, BakeError> {
+    /// A bad request, or a stack that cannot be walked.
+    pub(crate) fn of(request: &Request, bands: &Bands, shard: Shard) -> Result<Self, BakeError> {
         let options = &request.options;
+        options.check()?;
+        let transports = bands.transports(request)?;
         let walker = |transport| Walker::new(transport, request.geometry(), options.precision, None);
         let walkers: Result<Vec<Walker>, _> = transports.iter().map(walker).collect();
+        let axis = request.exit_axis();
         let theta_i = request.theta_i();
         let lobes = transports.len() * theta_i.len();
         Ok(Self {
             walkers: walkers.map_err(|why| BakeError::Input(why.to_string()))?,
-            cells: theta_i.iter().map(|&theta| Cells::new(axis, theta)).collect(),
-            axis: *axis,
+            cells: theta_i.iter().map(|&theta| Cells::new(&axis, theta)).collect(),
+            axis,
             azimuth: request.recipe.azimuth,
             among: theta_i.len(),
             theta_i,

@@ -7,7 +7,7 @@
 use super::sampling::{Sampling, Shard, State};
 use super::{BakeError, Observer, Request, assemble};
 use crate::effects::{EffectSet, Effects};
-use crate::options::{Options, Target};
+use crate::options::{OptionError, Options, Target};
 use crate::recipe::Recipe;
 use crate::tally::{CHUNK, MAX_PATHS, Tally};
 use lut_io::dispersion::MOST_BANDS;
@@ -232,7 +232,8 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
         return refuse(format!("shard {} of {} missing", missing.join(", "), first.shard.count));
     }
     let request = first.request().map_err(|why| BakeError::Input(format!("{first_name}: {why}")))?;
-    let (mut sampling, lobes) = request.sampling(&request.bands()?, Shard::WHOLE)?;
+    let bands = request.bands()?;
+    let mut sampling = Sampling::of(&request, &bands, Shard::WHOLE)?;
     let mut state = first.state.clone();
     for (name, shard) in &shards[1..] {
         for (sum, tally) in state.tallies.iter_mut().zip(&shard.state.tallies) {
@@ -244,7 +245,7 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
     }
     let idle = Observer::idle();
     sampling.resume(state, &idle)?;
-    let table = assemble::walk_tables(&request, &lobes, &sampling)?;
+    let table = assemble::walk_tables(&request, &bands, &sampling)?;
     super::coloured(&request, table, &request.colours()?)
 }
 
@@ -253,33 +254,36 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
 /// # Errors
 /// As [`super::walk`]; a shard needs a path count.
 pub fn walk_shard(request: &Request, shard: Shard, observer: &Observer<'_>) -> Result<Snapshot, BakeError> {
+    let refuse = |why: String| Err(OptionError::new("shard", why).into());
     if !request.effects.has_lobe() {
-        let why = "a bake without surface and blur walks no paths: it has no shards".to_owned();
-        return Err(BakeError::Option { field: "shard", why });
+        return refuse("a bake without surface and blur walks no paths: it has no shards".to_owned());
     }
-    let refuse = |why: String| Err(BakeError::Option { field: "shard", why });
     let Target::Paths(paths) = request.options.target else {
         return refuse(
             "the path counts of an accuracy or a time follow from whole tallies; expected paths".to_owned(),
         );
     };
-    if shard.index == 0 || shard.index > shard.count {
-        let Shard { index, count } = shard;
+    let Shard { index, count } = shard;
+    if !(1..=count).contains(&index) {
         return refuse(format!("{index}/{count} is out of range; expected 1/{count} to {count}/{count}"));
     }
     if matches!(request.options.effects, Effects::Listed(_)) {
         // A listed colour that the stack cannot have is refused here, not after all shards are walked.
         request.colours()?;
     }
-    let (mut sampling, _): (Sampling, _) = request.sampling(&request.bands()?, shard)?;
+    let mut sampling = Sampling::of(request, &request.bands()?, shard)?;
     sampling.walk_to_paths(paths, observer)?;
     Ok(Snapshot::new(request, shard, sampling.state()))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::{Checkpoint, walk};
     use super::*;
     use proptest::prelude::*;
+    use std::sync::Mutex;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::time::Duration;
 
     fn request(paths: u64) -> Request {
         let recipe = Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap();
@@ -303,11 +307,43 @@ mod tests {
     fn any_split_and_order_of_shards_gives_the_bits_of_one_bake() {
         let request = request(150_001);
         let bands = request.bands().unwrap();
-        let whole = super::super::walk(&request, &bands, &Observer::idle(), None).unwrap();
+        let whole = walk(&request, &bands, &Observer::idle(), None).unwrap();
         for count in [1, 2, 7, 64] {
             let mut parts = shards(150_001, count);
             parts.reverse();
             assert_eq!(merge(&parts).unwrap(), whole, "{count} shards");
+        }
+    }
+
+    #[test]
+    fn a_walk_stopped_at_every_state_ends_with_the_same_bits() {
+        let stopped = |request: &Request| {
+            let bands = request.bands().unwrap();
+            let mut stops = 0;
+            let mut resume = None;
+            loop {
+                let (kept, stop) = (Mutex::new(None), AtomicBool::new(false));
+                let keep = |state: &State| {
+                    *kept.lock().unwrap() = Some(Snapshot::new(request, Shard::WHOLE, state.clone()));
+                    stop.store(true, Ordering::Relaxed);
+                };
+                let checkpoint = Checkpoint { every: Duration::ZERO, keep: &keep };
+                let observer = Observer { stop: &stop, checkpoint: Some(checkpoint), ..Observer::idle() };
+                match walk(request, &bands, &observer, resume.take()) {
+                    Ok(table) => return (table, stops),
+                    Err(BakeError::Interrupted) => (resume, stops) = (kept.lock().unwrap().take(), stops + 1),
+                    Err(why) => panic!("{why}"),
+                }
+            }
+        };
+        // One thread: the fewest tasks between two states.
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        for target in [Target::Paths(300_001), Target::AccuracyPercent(1.5)] {
+            let mut request = request(1);
+            request.options.target = target;
+            let whole = walk(&request, &request.bands().unwrap(), &Observer::idle(), None).unwrap();
+            let (table, stops) = pool.install(|| stopped(&request));
+            assert!(table == whole && stops > 2, "{target:?}, {stops} stops");
         }
     }
 

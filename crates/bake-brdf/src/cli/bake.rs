@@ -108,7 +108,7 @@ fn request(args: &BakeArgs) -> Result<Request, Stop> {
     let sides = if args.both_sides { Sides::Both } else { Sides::Above };
     let options = Options { sides, ..args.options.options(None)? };
     let (recipe, _) = args::recipe(args.recipe.as_deref())?;
-    let request = Request::new(recipe, options).map_err(|why| refuse(why.into()))?;
+    let request = Request::new(recipe, options).map_err(refuse)?;
     request.options.check().map_err(refuse)?;
     Ok(request)
 }

@@ -1,20 +1,23 @@
 //! Errors of the library as the tool's: its options become flags.
 
 use bake_brdf::bake::BakeError;
+use bake_brdf::options::OptionError;
 use bake_brdf::plan::PlanError;
 use bake_brdf::spectra::SpectraError;
 use terminal::Stop;
 
 /// Why there is no table.
-pub(crate) fn refuse(error: BakeError) -> Stop {
-    match error {
-        BakeError::Interrupted => Stop::failure(error),
-        BakeError::Option { field, why } => Stop::BadInput(format!("--{}: {why}", field.replace('_', "-"))),
+pub(crate) fn refuse(error: impl Into<BakeError>) -> Stop {
+    match error.into() {
+        error @ BakeError::Interrupted => Stop::failure(error),
+        BakeError::Option(OptionError { field, why }) => {
+            Stop::BadInput(format!("--{}: {why}", field.replace('_', "-")))
+        }
         // These lines begin with the option at fault.
-        BakeError::Effects(_)
+        error @ (BakeError::Effects(_)
         | BakeError::Spectra(SpectraError::Required { .. })
-        | BakeError::Doubling(_) => Stop::BadInput(format!("--{error}")),
-        _ => Stop::bad_input(error),
+        | BakeError::Doubling(_)) => Stop::BadInput(format!("--{error}")),
+        error => Stop::bad_input(error),
     }
 }
 

@@ -34,7 +34,7 @@ pub(crate) fn run(args: &BakeArgs, path: &Path, manners: &Manners) -> Outcome {
         return print(&plan, &[], None, started.elapsed().as_secs_f64(), manners);
     }
     let (copy, table_name) = targets(path, args.output.as_deref(), plan.tables.len())?;
-    if same_file(&copy, path) {
+    if lut_io::atomic::same_file(&copy, path) {
         let line = format!(
             "{}: the copy would take the place of the scene; name another file with -o",
             copy.display()
@@ -73,10 +73,6 @@ fn targets(scene: &Path, output: Option<&Path>, tables: usize) -> Result<(PathBu
         return Ok((output.with_extension("xml"), Some(name)));
     }
     Ok((output.to_owned(), None))
-}
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
 /// File name of a table: the recipe's name and the content's hash, so that other contents never take its place.

@@ -244,7 +244,7 @@ impl Grid<'_> {
         };
         let shape = if line.shape == Shape::Gaussian { "gaussian" } else { "lorentzian" };
         let extra = vec![
-            ("line", json!({ "shape": shape, "fwhm_nm": line.width * 1e9 })),
+            ("line", json!({ "shape": shape, "fwhm_nm": thinfilm::nanometres(line.width) })),
             ("change_of_last_doubling", json!(mean.change)),
             ("converged", json!(mean.change <= accuracy)),
         ];

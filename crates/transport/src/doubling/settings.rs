@@ -20,7 +20,7 @@ pub const OPERATIONS: [&str; 5] =
     ["multiply-add of a facet", "facet", "product", "incidence", "grazing incidence"];
 
 /// Seconds of one AVX-512 core that each of [`OPERATIONS`] takes, fitted to whole bakes (as
-/// `cargo run --release -p bake-brdf --example choice -- --fit` does).
+/// `cargo run --release -p bake-brdf --example prices` does).
 #[must_use]
 pub const fn prices(geometry: Geometry) -> [f64; OPERATIONS.len()] {
     match geometry {
