@@ -216,6 +216,17 @@ fn the_printed_error_of_an_rgb_file_is_what_another_reader_measures() {
 }
 
 #[test]
+fn the_same_table_gives_the_same_archive_of_arrays() {
+    let specimen = Specimen::new();
+    let [first, second] = ["a.npz", "b.npz"].map(|name| specimen.folder.path().join(name));
+    let report = report(&specimen.export("arrays", &first));
+    assert_eq!(report["arrays"]["cells"], json!([1, 46, 1, 96, 4]));
+    assert!(report.get("round_trip").is_none(), "nothing is approximated");
+    assert_eq!(specimen.export("arrays", &second).status.code(), Some(0));
+    assert_eq!(fs::read(&first).unwrap(), fs::read(&second).unwrap());
+}
+
+#[test]
 fn a_spectral_file_has_wavelengths_and_the_mean_of_a_colourless_table() {
     let specimen = Specimen::new();
     let output = specimen.folder.path().join("pearl.bsdf");

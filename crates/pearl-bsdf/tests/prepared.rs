@@ -42,10 +42,10 @@ fn arrays_have_an_entry_a_band_a_channel_a_span_and_a_cell() {
     let arrays = Prepared::new(table).unwrap().arrays();
     let shape = |name: &str| by_name(&arrays)[name].shape.clone();
     assert_eq!(shape("cells"), [3, 4, 16, 32, 4]);
-    assert_eq!(shape("cumulated"), [3, 2, 4, 16, 32]);
+    assert_eq!(shape("cumulative"), [3, 2, 4, 16, 32]);
     // Between four incidences, and from the last to 90°.
     assert_eq!(shape("span_start"), [5]);
-    assert_eq!(shape("along")[..2], [3, 4]);
+    assert_eq!(shape("span_curves")[..2], [3, 4]);
     assert_eq!(shape("albedo_spectral")[..3], [3, 7, 3]);
     assert_eq!(shape("modulation_rgb")[..2], [3, 3]);
     // The table's own band comes first.

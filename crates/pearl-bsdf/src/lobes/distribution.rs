@@ -8,13 +8,13 @@ use lut_io::axis::ExitAxis;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Distribution {
     /// Integral of the density u up to each cell centre of a row, \[incidence, φ row, column\].
-    pub(crate) cumulated: Vec<f32>,
+    pub(crate) cumulative: Vec<f32>,
     /// Where to begin looking in it ([`guide`]).
     pub(crate) guide: Vec<u16>,
     /// Σ u of each row, \[incidence, φ row\].
     pub(crate) row_total: Vec<f32>,
     /// Integral of the rows' totals up to the centre of each φ row of an incidence.
-    pub(crate) row_cumulated: Vec<f32>,
+    pub(crate) row_cumulative: Vec<f32>,
     /// Where to begin looking in it.
     pub(crate) row_guide: Vec<u16>,
 }
@@ -38,9 +38,9 @@ impl Distribution {
                 let density: Vec<f64> =
                     row.iter().map(|values| f64::from(values[DENSITIES + lobe])).collect();
                 totals.push(density.iter().sum());
-                cumulate(&density, &mut this.cumulated, &mut this.guide);
+                cumulate(&density, &mut this.cumulative, &mut this.guide);
             }
-            cumulate(&totals, &mut this.row_cumulated, &mut this.row_guide);
+            cumulate(&totals, &mut this.row_cumulative, &mut this.row_guide);
             this.row_total.extend(totals.iter().map(|total| *total as f32));
         }
         this
@@ -49,19 +49,19 @@ impl Distribution {
 
 /// Integral up to each centre, and where to begin looking for a share of the total: centres surely below each of as many equal steps
 /// as there are cells.
-fn cumulate(density: &[f64], cumulated: &mut Vec<f32>, guide: &mut Vec<u16>) {
-    let (from, cells) = (cumulated.len(), density.len());
+fn cumulate(density: &[f64], cumulative: &mut Vec<f32>, guide: &mut Vec<u16>) {
+    let (from, cells) = (cumulative.len(), density.len());
     let mut sum = 0.5 * density[0];
-    cumulated.push(sum as f32);
+    cumulative.push(sum as f32);
     for pair in density.windows(2) {
         sum += 0.5 * (pair[0] + pair[1]);
-        cumulated.push(sum as f32);
+        cumulative.push(sum as f32);
     }
     let (total, mut above) = (f64::from(density.iter().sum::<f64>() as f32), 0);
     for step in 0..cells {
         // Short of the step by more than rounding.
         let target = total * (step as f64 - 1e-6) / cells as f64;
-        while above < cells && f64::from(cumulated[from + above]) <= target {
+        while above < cells && f64::from(cumulative[from + above]) <= target {
             above += 1;
         }
         guide.push(u16::try_from(above).unwrap_or(u16::MAX));
@@ -70,19 +70,19 @@ fn cumulate(density: &[f64], cumulated: &mut Vec<f32>, guide: &mut Vec<u16>) {
 
 /// Where the integral of a piecewise-linear density reaches a share of its total.
 ///
-/// The density is u\[k\] at position k + ½, linear between, constant in the outer half cells; `cumulated\[k\]` is its
+/// The density is u\[k\] at position k + ½, linear between, constant in the outer half cells; `cumulative\[k\]` is its
 /// integral up to position k + ½.
 #[inline(always)]
 pub(crate) fn find(
     density: impl Fn(usize) -> f64,
-    cumulated: &[f32],
+    cumulative: &[f32],
     guide: &[u16],
     total: f32,
     share: f64,
 ) -> Found {
-    let last = cumulated.len() - 1;
+    let last = cumulative.len() - 1;
     let target = share * f64::from(total);
-    let reached = |k: usize| f64::from(cumulated[k]);
+    let reached = |k: usize| f64::from(cumulative[k]);
     // `partition_point`, from where the guide says.
     let step = (share * guide.len() as f64) as usize;
     let mut above = usize::from(guide[step.min(last)]);
@@ -115,8 +115,8 @@ impl Found {
 }
 
 /// Integral of such a density up to a position.
-pub(crate) fn cumulated_at(density: impl Fn(usize) -> f64, cumulated: &[f32], position: f64) -> f64 {
-    let last = cumulated.len() - 1;
+pub(crate) fn cumulative_at(density: impl Fn(usize) -> f64, cumulative: &[f32], position: f64) -> f64 {
+    let last = cumulative.len() - 1;
     let from_first = position - 0.5;
     if from_first <= 0.0 {
         return position.max(0.0) * density(0);
@@ -124,5 +124,5 @@ pub(crate) fn cumulated_at(density: impl Fn(usize) -> f64, cumulated: &[f32], po
     let k = (from_first as usize).min(last);
     let t = from_first - k as f64;
     let next = density((k + 1).min(last));
-    f64::from(cumulated[k]) + t * (density(k) + 0.5 * t * (next - density(k)))
+    f64::from(cumulative[k]) + t * (density(k) + 0.5 * t * (next - density(k)))
 }

@@ -1,6 +1,6 @@
 //! The lobes of many pairs at once.
 
-use super::{Along, Between, DENSITIES, Lobes};
+use super::{Between, DENSITIES, Lobes, SpanCurves};
 use super::{
     azimuth_of, concentration_of_sine, densities_of_plane, fraction_of_span, guide_step, restore, restored,
     scale_of_space,
@@ -13,7 +13,7 @@ use crate::numerics::warp::{Cell, Warp};
 /// The lobes at the incidences of every lane.
 pub(crate) struct Incidences {
     pub(crate) between: [Between; LANES],
-    along: [Along; LANES],
+    along: [SpanCurves; LANES],
     /// Of the columns' axis: centre, and gains on either side.
     centre: Lane,
     gains: [Single; 2],
@@ -63,12 +63,12 @@ impl Lobes {
         });
         let mut step = Steps { index: [0; LANES], fraction: [0.0; LANES] };
         for (k, fraction) in fraction.iter().enumerate() {
-            (step.index[k], step.fraction[k]) = self.along_step(*fraction);
+            (step.index[k], step.fraction[k]) = self.step_of_span(*fraction);
         }
         let mut along = [[0.0; 4]; LANES];
         for k in 0..LANES {
             between[k].fraction = fraction[k];
-            along[k] = self.along(spans[k], (step.index[k], step.fraction[k]));
+            along[k] = self.curves_at(spans[k], (step.index[k], step.fraction[k]));
         }
         along.iter_mut().for_each(restore);
         let (mut centre, mut gains, mut moved) = ([0.0; LANES], [[0.0; LANES]; 2], [0.0; LANES]);

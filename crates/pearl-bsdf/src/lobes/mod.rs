@@ -72,7 +72,7 @@ pub(crate) struct Lobes {
     /// What is sampled of interior and of rehit.
     pub(crate) distributions: [Distribution; 2],
     /// \[span, step\]: at equal steps of each span; smooth within it, with a kink at its ends.
-    pub(crate) along: Vec<Along>,
+    pub(crate) span_curves: Vec<SpanCurves>,
     pub(crate) span_steps: usize,
     pub(crate) cap: Cap,
     /// Columns of some incidence: all but their centre and gains are those of every incidence.
@@ -99,12 +99,12 @@ pub(crate) struct Span {
     pub(crate) widening: f32,
 }
 
-/// What is known along θi, of interior and rehit: what is read over the albedo, which restores it, and the share of what is sampled
-/// that falls into the cap around the normal. A mixture's light is nearly linear along a span; one over it is not where a row adds
-/// many times its share, as that of the normal does in a space table.
-pub(crate) type Along = [f32; 4];
+/// What is known over the θi of a span, of interior and rehit: what is read over the albedo, which restores it, and the share of what
+/// is sampled that falls into the cap around the normal. A mixture's light is nearly linear along a span; one over it is not where a
+/// row adds many times its share, as that of the normal does in a space table.
+pub(crate) type SpanCurves = [f32; 4];
 
-/// Where these shares begin in [`Along`].
+/// Where these shares begin in [`SpanCurves`].
 const CAP: usize = 2;
 
 /// Steps of [`Lobes::guide`].
@@ -122,7 +122,7 @@ pub(crate) struct Between {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Incidence {
     pub(crate) between: Between,
-    along: Along,
+    along: SpanCurves,
     pub(crate) columns: Warp,
     /// Decay tables: sin θi / w². Space tables: the width of the φ cells.
     pub(crate) azimuth: f32,
@@ -160,7 +160,7 @@ impl Lobes {
         } else {
             self.row_width(at.sin, at.cos, moved)
         };
-        let mut along = self.along(span, self.along_step(between.fraction));
+        let mut along = self.curves_at(span, self.step_of_span(between.fraction));
         restore(&mut along);
         Incidence { between, along, columns, azimuth }
     }
@@ -190,15 +190,15 @@ impl Lobes {
     }
 
     #[inline(always)]
-    fn along(&self, span: usize, (index, t): (usize, f32)) -> Along {
+    fn curves_at(&self, span: usize, (index, t): (usize, f32)) -> SpanCurves {
         let first = span * (self.span_steps + 1) + index;
-        let [a, b] = &self.along[first..first + 2] else { return [1.0; 4] };
+        let [a, b] = &self.span_curves[first..first + 2] else { return [1.0; 4] };
         angles::between(a, b, t)
     }
 
-    /// Step of a span's [`Along`], and how far to the next.
+    /// Step of a span's [`SpanCurves`], and how far to the next.
     #[inline(always)]
-    fn along_step(&self, fraction: f32) -> (usize, f32) {
+    fn step_of_span(&self, fraction: f32) -> (usize, f32) {
         step_of(fraction * self.span_steps as f32, (self.span_steps - 1) as f32)
     }
 
@@ -292,7 +292,7 @@ impl Lobes {
     fn per_steradian(
         &self,
         between: Between,
-        along: &Along,
+        along: &SpanCurves,
         densities: [f32; 2],
         scale: f32,
         sin_o: f64,
@@ -340,14 +340,14 @@ impl Lobes {
 
 /// Turns what is read over the albedo into what restores it.
 #[inline(always)]
-fn restore(along: &mut Along) {
+fn restore(along: &mut SpanCurves) {
     let [interior, rehit, ..] = along;
     (*interior, *rehit) = (1.0 / *interior, 1.0 / *rehit);
 }
 
 /// Both components as read, times what restores their albedo.
 #[inline(always)]
-fn restored(along: &Along, values: &Values) -> [f64; 2] {
+fn restored(along: &SpanCurves, values: &Values) -> [f64; 2] {
     [f64::from(values[0] * along[0]), f64::from(values[1] * along[1])]
 }
 

@@ -18,6 +18,9 @@ pub struct Array {
     pub values: Vec<f32>,
 }
 
+/// Of the arrays' meaning: another number, another evaluation.
+const VERSION: f64 = 1.0;
+
 impl Array {
     fn new(name: &'static str, shape: &[usize], values: impl IntoIterator<Item = f32>) -> Self {
         let values: Vec<f32> = values.into_iter().collect();
@@ -37,6 +40,7 @@ impl Prepared {
         let lobes = &self.bands[0].lobes;
         let flag = |is: bool| f64::from(u8::from(is));
         let mut arrays = vec![
+            Array::number("version", VERSION),
             Array::number("space", flag(!lobes.signed())),
             Array::number("reciprocal", flag(lobes.reciprocal)),
             Array::number("visible", flag(self.bands[0].facets.visible)),
@@ -89,13 +93,13 @@ impl Prepared {
         let widths = over(&self.bands, |band| {
             band.lobes.spans.iter().flat_map(|span| [span.width, span.width + span.widening]).collect()
         });
-        let along = over(&self.bands, |band| band.lobes.along.concat());
+        let curves = over(&self.bands, |band| band.lobes.span_curves.concat());
         let cells = over(&self.bands, |band| band.lobes.cells.concat());
         [
             Array::new("span_start", &[spans + 1], starts),
             Array::new("span_node", &[spans, 2], nodes),
             Array::new("azimuth_width", &[bands, spans, 2], widths),
-            Array::new("along", &[bands, spans, lobes.span_steps + 1, 4], along),
+            Array::new("span_curves", &[bands, spans, lobes.span_steps + 1, 4], curves),
             Array::new("cells", &[bands, incidences, lobes.rows, lobes.columns, 4], cells),
         ]
     }
@@ -113,9 +117,9 @@ impl Prepared {
         [
             Array::new("total", &cells[..3], totals),
             Array::new("row_total", &cells[..4], of(|d| d.row_total.clone())),
-            Array::new("row_cumulated", &cells[..4], of(|d| d.row_cumulated.clone())),
+            Array::new("row_cumulative", &cells[..4], of(|d| d.row_cumulative.clone())),
             Array::new("row_guide", &cells[..4], of(|d| numbers(&d.row_guide))),
-            Array::new("cumulated", &cells, of(|d| d.cumulated.clone())),
+            Array::new("cumulative", &cells, of(|d| d.cumulative.clone())),
             Array::new("guide", &cells, of(|d| numbers(&d.guide))),
         ]
     }

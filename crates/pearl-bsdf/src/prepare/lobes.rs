@@ -1,7 +1,7 @@
 //! The arrays of [`Lobes`] from a table.
 
-use crate::lobes::distribution::{Distribution, cumulated_at};
-use crate::lobes::{Along, Cap, DENSITIES, GUIDES, Lobes, Span, Values};
+use crate::lobes::distribution::{Distribution, cumulative_at};
+use crate::lobes::{Cap, DENSITIES, GUIDES, Lobes, Span, SpanCurves, Values};
 use crate::numerics::angles::least;
 use crate::numerics::warp::Warp;
 use lut_io::axis::ExitAxis;
@@ -47,15 +47,15 @@ impl Lobes {
             totals: cells.chunks(axis.cells()).map(total).collect(),
             cells,
             distributions,
-            along: Vec::new(),
+            span_curves: Vec::new(),
             cap: Cap::new(axis.width().min(LARGEST_CAP)),
             some_columns: Warp::new(&axis.columns_at(0.25 * PI)),
         };
-        this.along = this.along_spans(lobe);
+        this.span_curves = this.over_spans(lobe);
         this
     }
 
-    fn along_spans(&self, lobe: &Interpolant) -> Vec<Along> {
+    fn over_spans(&self, lobe: &Interpolant) -> Vec<SpanCurves> {
         let at = |theta_i: f64| {
             let row = lobe.row(theta_i);
             let [interior, rehit] = [Component::Interior, Component::Rehit]
@@ -80,12 +80,12 @@ impl Lobes {
         let to = position(self.cap.radius);
         let totals = self.mixed_totals(between);
         [0, 1].map(|lobe| {
-            let cumulated = &self.distributions[lobe].cumulated;
+            let cumulative = &self.distributions[lobe].cumulative;
             let inside = |node: usize| -> f64 {
                 let rows = (0..self.rows).map(|row| {
                     let range = self.range(node, row);
                     let density = |k: usize| f64::from(self.cells[range.start + k][DENSITIES + lobe]);
-                    let up_to = |x: f64| cumulated_at(density, &cumulated[range.clone()], x);
+                    let up_to = |x: f64| cumulative_at(density, &cumulative[range.clone()], x);
                     up_to(to) - up_to(from)
                 });
                 rows.sum()
@@ -97,7 +97,7 @@ impl Lobes {
     }
 }
 
-/// Steps of every span at which [`Along`] is known; the Mitsuba plugin has the same. Sixteen miss its curvature at grazing incidence by
+/// Steps of every span at which [`SpanCurves`] is known; the Mitsuba plugin has the same. Sixteen miss its curvature at grazing incidence by
 /// 2e-4; where rows are many widths of their facets apart it grows with that number, and would be missed by half a per cent.
 fn span_steps(spans: &[Span], width: f64) -> usize {
     let longest = spans.iter().map(|span| 1.0 / span.inverse).fold(0.0, f64::max);

@@ -1,7 +1,7 @@
 //! Exit directions of the tabulated lobes.
 
 use crate::lobes::azimuth::Forward;
-use crate::lobes::distribution::{Distribution, Found, cumulated_at, find};
+use crate::lobes::distribution::{Distribution, Found, cumulative_at, find};
 use crate::lobes::{Between, DENSITIES, Incidence, Lobes};
 use crate::numerics::angles::{INVERSE_TAU, greatest, least, turned};
 use crate::numerics::warp::{Cell, Warp};
@@ -54,11 +54,11 @@ impl Lobes {
     /// Where a uniform number falls among the φ rows of an incidence of a space table.
     #[inline(always)]
     pub(super) fn find_row(&self, lobe: usize, node: usize, v: f64) -> Found {
-        let Distribution { row_cumulated, row_guide, row_total, .. } = &self.distributions[lobe];
+        let Distribution { row_cumulative, row_guide, row_total, .. } = &self.distributions[lobe];
         let rows = node * self.rows..(node + 1) * self.rows;
         let totals = &row_total[rows.clone()];
         let density = |k: usize| f64::from(totals[k]);
-        find(density, &row_cumulated[rows.clone()], &row_guide[rows], self.totals[node][lobe], v)
+        find(density, &row_cumulative[rows.clone()], &row_guide[rows], self.totals[node][lobe], v)
     }
 
     /// One of the two rows around a position (the number among those of all incidences) by a uniform number, and what is left of it.
@@ -74,11 +74,11 @@ impl Lobes {
     /// Where a uniform number falls in a row.
     #[inline(always)]
     pub(super) fn find(&self, lobe: usize, row: usize, u: f64) -> Found {
-        let Distribution { cumulated, guide, row_total, .. } = &self.distributions[lobe];
+        let Distribution { cumulative, guide, row_total, .. } = &self.distributions[lobe];
         let range = row * self.columns..(row + 1) * self.columns;
         let cells = &self.cells[range.clone()];
         let density = |k: usize| f64::from(cells[k][DENSITIES + lobe]);
-        find(density, &cumulated[range.clone()], &guide[range], row_total[row], u)
+        find(density, &cumulative[range.clone()], &guide[range], row_total[row], u)
     }
 
     /// Column at the edge of the cap in space tables.
@@ -90,11 +90,11 @@ impl Lobes {
     /// Share of the cap's area up to a number that falls into it, in a row of a space table.
     #[inline]
     pub(super) fn cap_area(&self, lobe: usize, row: usize, cap_edge: f64, u: f64) -> f64 {
-        let Distribution { cumulated, row_total, .. } = &self.distributions[lobe];
+        let Distribution { cumulative, row_total, .. } = &self.distributions[lobe];
         let range = row * self.columns..(row + 1) * self.columns;
         let cells = &self.cells[range.clone()];
         let density = |k: usize| f64::from(cells[k][DENSITIES + lobe]);
-        least(u * f64::from(row_total[row]) / cumulated_at(density, &cumulated[range], cap_edge), 1.0)
+        least(u * f64::from(row_total[row]) / cumulative_at(density, &cumulative[range], cap_edge), 1.0)
     }
 
     /// θo at a signed exit angle of decay tables; NaN where nothing is left.
