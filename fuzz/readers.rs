@@ -54,7 +54,7 @@ pub(crate) fn table(bytes: &[u8]) -> Result<(), String> {
     };
     let again = exr_file::encode(&table).expect("what was read can be written");
     assert_eq!(exr_file::decode(&again).expect("what was written can be read"), table);
-    if table.interior.value.len() <= MOST_CELLS {
+    if table.lobe(Component::Interior).value.len() <= MOST_CELLS {
         let lobe = Interpolant::new(table);
         for (theta_i, theta_o, phi) in [(0.0, 0.0, 0.0), (0.6, 0.5, 0.1), (1.5, 1.57, 3.1)] {
             for component in Component::ALL {
@@ -160,10 +160,7 @@ pub(crate) fn checkpoint(body: &[u8]) -> Result<(), String> {
     };
     let observer = Observer { stop: &STOP, ..Observer::idle() };
     match request.bands().and_then(|bands| bake::walk(&request, &bands, &observer, Some(snapshot))) {
-        Ok(table) => {
-            table.validate().expect("a table that was gone on with is valid");
-            Ok(())
-        }
+        Ok(_) => Ok(()),
         Err(BakeError::Interrupted) => Ok(()),
         Err(why) => refused(why),
     }
@@ -184,10 +181,7 @@ pub(crate) fn shard(body: &[u8]) -> Result<(), String> {
         shards.push(("other".to_owned(), other));
     }
     match snapshot::merge(&shards) {
-        Ok(table) => {
-            table.validate().expect("a merged table is valid");
-            Ok(())
-        }
+        Ok(_) => Ok(()),
         Err(why) => refused(why),
     }
 }

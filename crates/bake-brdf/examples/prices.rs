@@ -227,10 +227,10 @@ fn tables() -> Result<()> {
         for solver in [SolverChoice::Walk, SolverChoice::Doubling] {
             let measured = |step: usize| written(&pearl("surface,blur", azimuth, step)?, solver);
             let ((few, few_bytes, small), (many, many_bytes, large)) = (measured(9)?, measured(3)?);
-            let rows = |table: &Table| table.meta.per_incidence.len() as f64;
+            let rows = |table: &Table| table.meta().per_incidence.len() as f64;
             let more = rows(&large) - rows(&small);
-            let summary = serde_json::to_string(&large.meta.per_incidence)?.len() as f64 / rows(&large);
-            let cell = ((many_bytes - few_bytes) / more - summary) / large.meta.exit_axis.cells() as f64;
+            let summary = serde_json::to_string(&large.meta().per_incidence)?.len() as f64 / rows(&large);
+            let cell = ((many_bytes - few_bytes) / more - summary) / large.meta().exit_axis.cells() as f64;
             println!(
                 "{azimuth:?}, {}: {:.1e} s a row, {summary:.0} bytes of metadata an incidence, {cell:.1} bytes a cell",
                 solver.name(),

@@ -11,9 +11,7 @@
 use crate::effects::{Effect, EffectSet};
 use crate::prices;
 use crate::recipe::{Recipe, RecipeError};
-use lut_io::error::FieldError;
-use lut_io::spectra::{Coherent, Emission, Spectra};
-use lut_io::table::Meta;
+use lut_io::spectra::{Coherent, Emission, Missing, Spectra};
 use rayon::prelude::*;
 use thinfilm::emission::SourceProfile;
 use thinfilm::modulation::{self, Banded, Sampling};
@@ -47,9 +45,6 @@ const OVERHEAD: usize = 300;
 const DEEPEST: usize = 16_384;
 /// Names the ensemble.
 const SEED: u64 = 0x70_6561_726c;
-
-/// Key of the reasons for missing colours in the table's metadata.
-pub const MISSING_KEY: &str = "spectra_missing";
 
 /// Why a recipe has no colours.
 #[derive(Debug, thiserror::Error)]
@@ -139,20 +134,17 @@ impl Colours {
         coherent.into_iter().chain(self.spectra.emission.as_ref().map(|_| Effect::Emission)).collect()
     }
 
-    /// Puts the colours and the reasons for missing ones into a table's metadata.
-    ///
-    /// # Errors
-    /// The section is not valid.
-    pub fn store(&self, meta: &mut Meta) -> Result<(), FieldError> {
-        if self.effects() != EffectSet::NONE {
-            self.spectra.store(meta)?;
-        }
-        if !self.missing.is_empty() {
-            let reasons =
-                self.missing.iter().map(|(effect, why)| (effect.name().to_owned(), why.clone().into()));
-            meta.extra.insert(MISSING_KEY.to_owned(), serde_json::Value::Object(reasons.collect()));
-        }
-        Ok(())
+    /// The section of the table that holds them, if there are any.
+    pub(crate) fn section(&self) -> Option<Spectra> {
+        (self.effects() != EffectSet::NONE).then(|| self.spectra.rounded())
+    }
+
+    /// The section of the table that says why some are missing, if any are.
+    pub(crate) fn missing_section(&self) -> Option<Missing> {
+        let why =
+            |effect| self.missing.iter().find(|(missing, _)| *missing == effect).map(|(_, why)| why.clone());
+        let missing = Missing { coherent: why(Effect::Coherent), emission: why(Effect::Emission) };
+        (!self.missing.is_empty()).then_some(missing)
     }
 }
 
@@ -547,7 +539,7 @@ mod tests {
             let expected = incoherent_reflectance(&walk, 60_f64.to_radians());
             // Five standard errors of 200,000 paths.
             let error = (expected * (1.0 - expected) / 200_000.0).sqrt();
-            let found = table.meta.per_incidence[0].albedo;
+            let found = table.meta().per_incidence[0].albedo;
             assert!((found - expected).abs() < 5.0 * error, "{set:?}: {found} {expected}");
         }
     }

@@ -46,7 +46,7 @@ fn the_ledger_closes_for_every_kind_of_stack() {
     ] {
         for mode in ["decay", "space"] {
             let args = ["--paths", "2000", "--incident-deg", "0,30,89.9,90", "--azimuth", mode];
-            for row in &bake_recipe(text, &args).meta.per_incidence {
+            for row in &bake_recipe(text, &args).meta().per_incidence {
                 let sum = row.albedo + row.transmitted + row.absorbed + row.truncated;
                 assert!((sum - 1.0).abs() < 1e-12, "{text} {mode} {row:?}");
                 assert_eq!(row.truncated, 0.0, "{text} {mode}");
@@ -60,7 +60,7 @@ fn pairs_are_twice_as_many_layers() {
     let args = ["--paths", "3000", "--incident-deg", "20"];
     let pairs = bake_recipe(r#"{"stack":{"layers":9,"count":"pairs"}}"#, &args);
     let layers = bake_recipe(r#"{"stack":{"layers":18}}"#, &args);
-    assert_eq!(pairs.interior, layers.interior);
+    assert_eq!(pairs.lobe(Component::Interior), layers.lobe(Component::Interior));
 }
 
 /// One absorbing layer between media of its own index: nothing is reflected, facets bend nothing, and what passes is
@@ -70,7 +70,7 @@ fn a_layer_without_interfaces_obeys_beers_law() {
     let text = r#"{"stack":{"layers":1,"ambient":{"n":1.5},"aragonite":{"n":1.5,"k":0.02,"thickness_nm":800},
         "substrate":{"n":1.5}}}"#;
     let table = bake_recipe(text, &["--paths", "500", "--incident-deg", "0,40,70"]);
-    for row in &table.meta.per_incidence {
+    for row in &table.meta().per_incidence {
         let depth = 4.0 * PI * 0.02 * 800.0 / 550.0 / row.theta_i_deg.to_radians().cos();
         // Weights and directions are f32 in the walk: 1e-7 each, and the exponent magnifies by the depth.
         assert!((row.transmitted - (-depth).exp()).abs() < 5e-7, "{row:?} {depth}");
@@ -93,8 +93,11 @@ fn threads_cannot_be_seen_in_the_file() {
 fn an_incidence_does_not_know_its_neighbours() {
     let alone = bake_recipe("{}", &["--paths", "3000", "--incident-deg", "30"]);
     let among = bake_recipe("{}", &["--paths", "3000", "--incident-deg", "0,30,60"]);
-    let cells = alone.meta.exit_axis.cells();
-    assert_eq!(alone.interior.value, among.interior.value[cells..2 * cells]);
+    let cells = alone.meta().exit_axis.cells();
+    assert_eq!(
+        alone.lobe(Component::Interior).value,
+        among.lobe(Component::Interior).value[cells..2 * cells]
+    );
 }
 
 #[test]
@@ -103,7 +106,7 @@ fn the_reader_returns_the_walks_albedo_and_normal_incidence_has_no_azimuth() {
         let table =
             bake_recipe("{}", &["--paths", "20000", "--incident-deg", "0,30,60,85", "--azimuth", mode]);
         let reader = Interpolant::new(table.clone());
-        for summary in &table.meta.per_incidence {
+        for summary in &table.meta().per_incidence {
             let row = reader.row(summary.theta_i_deg.to_radians());
             let (n, m) = (2000, 180);
             let mut integral = 0.0;
@@ -156,7 +159,7 @@ fn the_stored_interpolation_error_is_what_reading_half_way_misses() {
         [("decay", "0:80:20"), ("decay", "0:90:5"), ("space", "0:80:20"), ("space", "20,30,60")]
     {
         let exact = ["--azimuth", mode, "--solver", "doubling", "--accuracy", "0.1"];
-        let stored = |table: &Table| table.meta.accuracy.interpolation_percent;
+        let stored = |table: &Table| table.meta().accuracy.interpolation_percent;
         let solved = bake_recipe("{}", &[&exact[..], &["--incident-deg", incidences]].concat());
         let truth = error_half_way(&solved, &exact);
         assert!(
@@ -325,9 +328,9 @@ fn every_shipped_recipe_bakes() {
         let folder = folder();
         let table =
             bake(folder.path(), &[path.to_str().unwrap(), "--paths", "500", "--incident-deg", "0,60"]);
-        let name = table.meta.recipe["name"].as_str().unwrap().to_owned();
+        let name = table.meta().recipe["name"].as_str().unwrap().to_owned();
         assert_eq!(Some(name.as_str()), path.file_stem().and_then(|stem| stem.to_str()));
-        assert!(!table.meta.recipe["sources"].as_object().unwrap().is_empty(), "{name} cites no source");
+        assert!(!table.meta().recipe["sources"].as_object().unwrap().is_empty(), "{name} cites no source");
         seen += 1;
     }
     assert!(seen >= 5);
@@ -378,13 +381,16 @@ fn a_table_is_reproduced_bit_for_bit_from_its_metadata_and_a_changed_one_is_not(
         &["--effects", "body"],
     ] {
         let folder = folder();
-        let mut table = bake(folder.path(), &[args, &["--incident-deg", "0,30,80", "--seed", "9"]].concat());
+        let table = bake(folder.path(), &[args, &["--incident-deg", "0,30,80", "--seed", "9"]].concat());
         let same = tool(folder.path(), &["--reproduce", "pearl.exr", "--json"]);
         let report: serde_json::Value = serde_json::from_slice(&same.stdout).unwrap();
         assert_eq!(same.status.code(), Some(0), "{args:?}: {report:#}");
         assert_eq!((&report["identical"], &report["same_bytes"]), (&true.into(), &true.into()), "{args:?}");
-        let cell = table.interior.value.len() / 2;
-        table.interior.value[cell] = table.interior.value[cell].next_up();
+        let cell = table.lobe(Component::Interior).value.len() / 2;
+        let table = specimen::changed(&table, |parts| {
+            let value = &mut parts.lobes[0].value[cell];
+            *value = value.next_up();
+        });
         exr_file::write(&table, &folder.path().join("pearl.exr")).unwrap();
         let other = tool(folder.path(), &["--reproduce", "pearl.exr"]);
         let line = String::from_utf8_lossy(&other.stderr).into_owned();
@@ -399,7 +405,7 @@ fn both_solvers_write_the_same_lobe() {
         let args = ["--incident-deg", "0,30,60,85", "--azimuth", mode];
         let walked = bake_recipe("{}", &[&args[..], &["--paths", "200000"]].concat());
         let solved = bake_recipe("{}", &[&args[..], &["--solver", "doubling", "--accuracy", "0.1"]].concat());
-        for (a, b) in walked.meta.per_incidence.iter().zip(&solved.meta.per_incidence) {
+        for (a, b) in walked.meta().per_incidence.iter().zip(&solved.meta().per_incidence) {
             // Four comparisons an incidence, 32 in all: 4.5 standard errors is met by chance once in 5,000 runs.
             for (x, y, error) in [
                 (a.albedo, b.albedo, a.std_error.albedo),
@@ -413,9 +419,11 @@ fn both_solvers_write_the_same_lobe() {
         // Cell by cell: the mean square of standardised differences over populated cells is 1 within 10 %
         // (several hundred cells: its standard deviation is below 0.05).
         let (mut sum, mut cells) = (0.0, 0.0);
-        for k in 0..walked.interior.value.len() {
-            if walked.interior.count[k] >= 50.0 {
-                let z = (walked.interior.value[k] - solved.interior.value[k]) / walked.interior.std_error[k];
+        for k in 0..walked.lobe(Component::Interior).value.len() {
+            if walked.lobe(Component::Interior).count[k] >= 50.0 {
+                let z = (walked.lobe(Component::Interior).value[k]
+                    - solved.lobe(Component::Interior).value[k])
+                    / walked.lobe(Component::Interior).std_error[k];
                 sum += f64::from(z * z);
                 cells += 1.0;
             }
@@ -434,13 +442,13 @@ fn a_table_holds_the_effects_asked_for_and_no_others() {
         bake_recipe(ABSORBING, &["--paths", "20000", "--incident-deg", "0,60", "--effects", list])
     };
     let whole = listed("blur,absorption,body");
-    assert_eq!(whole.meta.effects, ["surface", "blur", "azimuth", "absorption", "body"]);
+    assert_eq!(whole.meta().effects, ["surface", "blur", "azimuth", "absorption", "body"]);
     let clear = listed("blur");
-    assert_eq!(clear.meta.effects, ["surface", "blur", "azimuth"]);
+    assert_eq!(clear.meta().effects, ["surface", "blur", "azimuth"]);
     let surface = listed("surface");
-    assert_eq!(surface.meta.effects, ["surface"]);
+    assert_eq!(surface.meta().effects, ["surface"]);
     for ((whole, clear), surface) in
-        whole.meta.per_incidence.iter().zip(&clear.meta.per_incidence).zip(&surface.meta.per_incidence)
+        whole.meta().per_incidence.iter().zip(&clear.meta().per_incidence).zip(&surface.meta().per_incidence)
     {
         assert!(whole.absorbed > 0.1 && clear.absorbed == 0.0, "{whole:?} {clear:?}");
         assert!(clear.albedo > clear.surface + 0.01, "{clear:?}");
@@ -449,9 +457,15 @@ fn a_table_holds_the_effects_asked_for_and_no_others() {
         assert!((surface.surface - clear.surface).abs() < 5.0 * (0.1_f64 * 0.9 / 20_000.0).sqrt());
     }
     let none = listed("body");
-    assert_eq!(none.meta.effects, ["body"]);
-    assert!(none.interior.value.iter().chain(&none.surface.value).all(|value| *value == 0.0));
-    assert!(none.meta.per_incidence.iter().all(|row| row.albedo == 0.0 && row.transmitted == 1.0));
+    assert_eq!(none.meta().effects, ["body"]);
+    assert!(
+        none.lobe(Component::Interior)
+            .value
+            .iter()
+            .chain(&none.lobe(Component::Surface).value)
+            .all(|value| *value == 0.0)
+    );
+    assert!(none.meta().per_incidence.iter().all(|row| row.albedo == 0.0 && row.transmitted == 1.0));
 }
 
 const ABSORBING: &str = r#"{"stack":{"layers":40,"aragonite":{"n":1.9},"conchiolin":{"k":0.1}}}"#;
@@ -474,9 +488,8 @@ fn effects_that_cannot_be_baked_are_refused_in_one_line() {
 
 /// (has a modulation, has an emission).
 fn colours(table: &Table) -> (bool, bool) {
-    lut_io::spectra::Spectra::of(&table.meta)
-        .expect("the section is valid")
-        .map_or((false, false), |spectra| (spectra.coherent.is_some(), spectra.emission.is_some()))
+    let spectra = table.meta().spectra.as_ref();
+    spectra.map_or((false, false), |spectra| (spectra.coherent.is_some(), spectra.emission.is_some()))
 }
 
 #[test]
@@ -490,7 +503,7 @@ fn each_interference_colour_is_in_the_file_exactly_when_it_is_called_for() {
     for (depth, coherence) in [(0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5)] {
         let table = look(depth, coherence);
         assert_eq!(colours(&table), (coherence > 0.0, depth > 0.0), "{depth} {coherence}");
-        let named = |name: &str| table.meta.effects.iter().any(|effect| effect == name);
+        let named = |name: &str| table.meta().effects.iter().any(|effect| effect == name);
         assert_eq!((named("coherent"), named("emission")), colours(&table));
     }
     let listed = |list: &str| {
@@ -510,10 +523,10 @@ fn a_stack_without_colours_bakes_with_the_reason_or_is_refused_by_name() {
     let args = ["--paths", "1000", "--incident-deg", "0,60"];
     let table = bake_recipe(NO_VIOLET, &args);
     assert_eq!(colours(&table), (false, false));
-    let missing = &table.meta.extra["spectra_missing"];
-    for effect in ["coherent", "emission"] {
-        assert!(missing[effect].as_str().is_some_and(|why| why.contains("380")), "{missing}");
-        assert!(!table.meta.effects.iter().any(|name| name == effect));
+    let missing = table.meta().spectra_missing.as_ref().expect("the reasons");
+    for (effect, why) in [("coherent", &missing.coherent), ("emission", &missing.emission)] {
+        assert!(why.as_ref().is_some_and(|why| why.contains("380")), "{missing:?}");
+        assert!(!table.meta().effects.iter().any(|name| name == effect));
     }
     let folder = folder();
     write_recipe(folder.path(), NO_VIOLET);

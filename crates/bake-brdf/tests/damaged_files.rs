@@ -3,8 +3,6 @@
 
 #[path = "../../../fuzz/readers.rs"]
 mod readers;
-#[path = "../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
 
 use bake_brdf::bake::Observer;
 use bake_brdf::bake::sampling::Shard;

@@ -6,8 +6,7 @@ use bake_brdf::effects::{Effect, Effects};
 use bake_brdf::options::{Options, Target};
 use bake_brdf::recipe::Recipe;
 use lut_io::exr_file;
-use lut_io::spectra::Spectra;
-use lut_io::table::Table;
+use lut_io::table::{Component, Table};
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 use thinfilm::{Incidence, Layer, Material, Multilayer, Polarisation, Run};
@@ -58,7 +57,7 @@ fn by_waves(above: f64, film: Option<(f64, f64)>, below: f64, theta: f64) -> [f6
 
 /// Within five standard errors (6e-7 for one of the comparisons) of a share of the paths.
 fn agrees(table: &Table, expected: impl Fn(f64) -> f64) {
-    for row in &table.meta.per_incidence {
+    for row in &table.meta().per_incidence {
         let expected = expected(row.theta_i_deg.to_radians());
         let error = (expected * (1.0 - expected) / PATHS as f64).sqrt();
         let found = row.albedo;
@@ -76,7 +75,7 @@ const LOBE: [Effect; 3] = [Effect::Surface, Effect::Blur, Effect::Azimuth];
 #[test]
 fn a_smooth_polarised_bake_is_the_mean_of_the_star_products_of_s_and_p() {
     let table = walked(SMOOTH, &[&LOBE[..], &[Effect::Polarisation]].concat());
-    assert!(table.meta.effects.contains(&"polarisation".to_owned()));
+    assert!(table.meta().effects.contains(&"polarisation".to_owned()));
     let pile = |theta: f64, i: usize| {
         let top = by_waves(1.0, None, 1.53, theta)[i];
         let inner = by_waves(1.53, None, 1.43, theta)[i];
@@ -130,7 +129,7 @@ fn absorption_follows_beer_and_wave_optics() {
     let table = walked(text, &[&LOBE[..], &[Effect::Absorption]].concat());
     let recipe = Recipe::from_json(text).expect("valid");
     let waves = recipe.film_stack().at(550e-9).expect("an index at 550 nm");
-    for row in &table.meta.per_incidence {
+    for row in &table.meta().per_incidence {
         let theta = row.theta_i_deg.to_radians();
         let beer = (-4.0 * std::f64::consts::PI * 0.002 * 20_000.0 / 550.0 / theta.cos()).exp();
         // Every path is weighted alike up to τ = 6: exact but for rounding.
@@ -153,31 +152,30 @@ fn dispersive(target: Target, effects: &[Effect]) -> Request {
 fn bands_are_single_bakes(whole: &Table, request: &Request, bake: impl Fn(&Request) -> Table) {
     let further = whole.further_bands().expect("valid bands");
     assert!(further.len() >= 2, "{} further bands", further.len());
-    let own = Table { bands: Vec::new(), ..whole.clone() };
+    let own = specimen::changed(whole, |parts| {
+        parts.meta.dispersion = None;
+        parts.bands.clear();
+    });
     for band in std::iter::once(&own).chain(&further) {
-        let mut alone = request.at_wavelength(band.meta.wavelength_nm);
+        let mut alone = request.at_wavelength(band.meta().wavelength_nm);
         alone.effects = alone.effects.without(Effect::Dispersion);
         let alone = bake(&alone);
-        assert!(alone.bands.is_empty());
-        assert_eq!(
-            [&band.interior, &band.surface, &band.rehit],
-            [&alone.interior, &alone.surface, &alone.rehit]
-        );
-        assert_eq!(band.meta.per_incidence, alone.meta.per_incidence);
-        assert_eq!(band.meta.surface_model, alone.meta.surface_model);
-        assert_eq!(band.meta.solver_settings, alone.meta.solver_settings);
-        assert_eq!(band.meta.accuracy, alone.meta.accuracy);
-        let colours = |table: &Table| {
-            Spectra::of(&table.meta).expect("valid").and_then(|s| s.coherent).expect("coherent")
-        };
+        assert!(alone.bands().is_empty());
+        assert_eq!(Component::ALL.map(|part| band.lobe(part)), Component::ALL.map(|part| alone.lobe(part)));
+        assert_eq!(band.meta().per_incidence, alone.meta().per_incidence);
+        assert_eq!(band.meta().surface_model, alone.meta().surface_model);
+        assert_eq!(band.meta().solver_settings, alone.meta().solver_settings);
+        assert_eq!(band.meta().accuracy, alone.meta().accuracy);
+        let colours =
+            |table: &Table| table.meta().spectra.clone().and_then(|s| s.coherent).expect("coherent");
         for (found, expected) in colours(band).modulation.iter().zip(colours(&alone).modulation) {
             // Seven digits are stored.
             let near = |(a, b): (&f64, &f64)| (a - b).abs() <= 1e-5 * b.abs();
-            assert!(found.iter().zip(&expected).all(near), "{} nm: M", band.meta.wavelength_nm);
+            assert!(found.iter().zip(&expected).all(near), "{} nm: M", band.meta().wavelength_nm);
         }
     }
     // They are not all the same lobe.
-    let albedos: Vec<f64> = further.iter().map(|band| band.meta.per_incidence[1].albedo).collect();
+    let albedos: Vec<f64> = further.iter().map(|band| band.meta().per_incidence[1].albedo).collect();
     assert!((albedos[0] / albedos[albedos.len() - 1] - 1.0).abs() > 0.05, "{albedos:?}");
     // And survive the file.
     let read = exr_file::decode(&exr_file::encode(whole).expect("valid")).expect("it reads back");
@@ -215,7 +213,7 @@ fn shards_of_a_dispersed_walk_merge_into_its_bits() {
     };
     assert_eq!(snapshot::merge(&[shard(2), shard(3), shard(1)]).expect("it merges"), whole);
     // Again from its own metadata.
-    let again = bake::reproduce::bake_again(&whole.meta, &Observer::idle()).expect("it bakes again");
+    let again = bake::reproduce::bake_again(whole.meta(), &Observer::idle()).expect("it bakes again");
     assert_eq!(bake::reproduce::differences(&whole, &again), []);
 }
 
@@ -234,7 +232,7 @@ fn irregularity_is_the_mean_of_explicit_stacks() {
         let effects: Vec<Effect> = effects.collect();
         let request = request(text, Target::AccuracyPercent(1.0), 1, &effects);
         let table = bake::doubling(&request, &bands_of(&request)).expect("a closed form");
-        let spectra = Spectra::of(&table.meta).expect("valid").expect("colours");
+        let spectra = table.meta().spectra.clone().expect("colours");
         (spectra.wavelength_nm, spectra.coherent.expect("coherent"))
     };
     let index = |n: f64| Material::constant(n).index(550e-9).expect("an index");

@@ -9,7 +9,7 @@ use bake_brdf::bake::{self, Bands, Observer, Request};
 use bake_brdf::effects::{Effect, Effects};
 use bake_brdf::options::{Options, Target};
 use bake_brdf::recipe::Recipe;
-use lut_io::table::Table;
+use lut_io::table::{Component, Table};
 use statrs::distribution::{Binomial, ContinuousCDF as _, Discrete as _, DiscreteCDF as _, Normal};
 
 /// Fewest expected paths of a cell that counts as populated.
@@ -56,20 +56,20 @@ struct Honesty {
 }
 
 fn honesty(truth: &Table, bakes: impl Iterator<Item = Table>, paths: u64) -> Honesty {
-    let cells = truth.meta.exit_axis.cells();
+    let cells = truth.meta().exit_axis.cells();
     let mut found =
         Honesty { cells: 0, variance: 0.0, p: 0.0, empty: 0.0, empty_expected: 0.0, empty_variance: 0.0 };
     let (mut sum, mut expected, mut variance) = (0.0, 0.0, 0.0);
     // Expected count, E z² and Var z² of every cell of the interior.
-    let laws: Vec<Option<(f64, f64, f64)>> = (0..truth.interior.value.len())
+    let laws: Vec<Option<(f64, f64, f64)>> = (0..truth.lobe(Component::Interior).value.len())
         .map(|k| {
-            let summary = &truth.meta.per_incidence[k / cells];
+            let summary = &truth.meta().per_incidence[k / cells];
             let row = k / cells * cells..(k / cells + 1) * cells;
             // In the plane value·Δs is proportional to the share of the light.
-            let edges = truth.meta.exit_axis.columns_at(summary.theta_i_deg.to_radians()).edges();
+            let edges = truth.meta().exit_axis.columns_at(summary.theta_i_deg.to_radians()).edges();
             let light = |k: usize| {
                 let column = k % cells;
-                f64::from(truth.interior.value[k]) * (edges[column + 1] - edges[column])
+                f64::from(truth.lobe(Component::Interior).value[k]) * (edges[column + 1] - edges[column])
             };
             let share = light(k) / row.map(light).sum::<f64>() * (summary.albedo - summary.surface);
             (share > 0.0).then(|| {
@@ -82,18 +82,20 @@ fn honesty(truth: &Table, bakes: impl Iterator<Item = Table>, paths: u64) -> Hon
     for bake in bakes {
         for (k, law) in laws.iter().enumerate() {
             let Some((count, square, spread)) = law else { continue };
-            let (value, error) = (bake.interior.value[k], bake.interior.std_error[k]);
+            let (value, error) =
+                (bake.lobe(Component::Interior).value[k], bake.lobe(Component::Interior).std_error[k]);
             if *count >= FEWEST {
-                sum += (f64::from(value - truth.interior.value[k]) / f64::from(error)).powi(2);
+                sum +=
+                    (f64::from(value - truth.lobe(Component::Interior).value[k]) / f64::from(error)).powi(2);
                 expected += square;
                 variance += spread;
             }
-            if bake.interior.count[k] == 0.0 {
+            if bake.lobe(Component::Interior).count[k] == 0.0 {
                 assert_eq!((value, error), (0.0, 0.0), "an empty cell holds nothing and claims nothing");
             }
             if *count >= 3.0 {
                 let chance = (-count).exp();
-                found.empty += f64::from(u8::from(bake.interior.count[k] == 0.0));
+                found.empty += f64::from(u8::from(bake.lobe(Component::Interior).count[k] == 0.0));
                 found.empty_expected += chance;
                 found.empty_variance += chance * (1.0 - chance);
             }

@@ -107,7 +107,8 @@ fn every_scene_bakes_its_tables_once_and_a_copy_that_points_at_them() {
             assert_eq!(table["reused"], false, "{name}");
             let file = table["file"].as_str().expect("a name");
             assert!(text.contains(&format!("name=\"filename\" value=\"{file}\"")), "{name}: {text}");
-            let meta = lut_io::exr_file::read(&folder.path().join(file)).expect("the table reads").meta;
+            let meta =
+                lut_io::exr_file::read(&folder.path().join(file)).expect("the table reads").into_parts().meta;
             let planned: Vec<&str> =
                 table["effects"].as_array().expect("a list").iter().filter_map(Value::as_str).collect();
             assert_eq!(meta.effects, planned, "{name}");

@@ -3,9 +3,11 @@
 mod built;
 
 use built::tool;
-use lut_io::both_sides::{BothSides, Passage};
+use lut_io::Table;
+use lut_io::both_sides::Passage;
 use lut_io::exr_file;
-use lut_io::table::{Solver, Table};
+use lut_io::solver::Solver;
+use lut_io::table::Component;
 
 /// Bakes a recipe text; the table and what was said on stderr.
 fn bake(recipe: &str, args: &[&str]) -> (Table, String) {
@@ -31,7 +33,9 @@ fn smooth_interfaces_are_solved_in_closed_form_as_they_are_walked() {
             let common = ["--azimuth", azimuth, "--incident-deg", "0,30,60,85,90"];
             let (solved, _) = bake(recipe, &[&common[..], &["--solver", "doubling"]].concat());
             let (walked, _) = bake(recipe, &[&common[..], &["--paths", "40000"]].concat());
-            for (k, (a, b)) in solved.meta.per_incidence.iter().zip(&walked.meta.per_incidence).enumerate() {
+            for (k, (a, b)) in
+                solved.meta().per_incidence.iter().zip(&walked.meta().per_incidence).enumerate()
+            {
                 // 20 shares a recipe and azimuth: 4.5 standard errors have p = 7e-6 each. The seed is fixed.
                 for (x, y, error) in [
                     (a.albedo, b.albedo, b.std_error.albedo),
@@ -44,9 +48,9 @@ fn smooth_interfaces_are_solved_in_closed_form_as_they_are_walked() {
                 // f32 directions of the walk: 1e-5 degrees.
                 assert!((a.mean_theta_o_deg - b.mean_theta_o_deg).abs() < 1e-4 && a.sd_theta_o_deg == 0.0);
                 assert!(b.sd_theta_o_deg < 1e-4 && b.skew_theta_o == 0.0, "{b:?}");
-                let cells = solved.meta.exit_axis.cells();
+                let cells = solved.meta().exit_axis.cells();
                 let lit = |table: &Table| {
-                    let cells = &table.interior.value[k * cells..(k + 1) * cells];
+                    let cells = &table.lobe(Component::Interior).value[k * cells..(k + 1) * cells];
                     cells.iter().position(|value| *value > 0.0)
                 };
                 let apart = lit(&solved).zip(lit(&walked)).map(|(a, b)| a.abs_diff(b));
@@ -63,7 +67,7 @@ fn total_reflection_by_rough_facets_leaves_no_negative_share() {
     let recipe = r#"{"stack":{"layers":40,"ambient":{"n":1.46},"aragonite":{"n":1.3,"thickness_nm":350},
         "conchiolin":{"n":1.25,"thickness_nm":60},"substrate":{"n":1.3}},"facets":{"slope_sd_deg":4}}"#;
     let (table, _) = bake(recipe, &["--solver", "doubling", "--accuracy", "2", "--incident-deg", "0:90:2"]);
-    let last = table.meta.per_incidence.last().unwrap();
+    let last = table.meta().per_incidence.last().unwrap();
     assert!(last.albedo > 1.0 - 1e-6 && (0.0..1e-6).contains(&last.transmitted), "{last:?}");
 }
 
@@ -78,17 +82,16 @@ fn both_sides_are_stored_whole() {
         let args =
             ["--solver", "doubling", "--both-sides", "--azimuth", azimuth, "--incident-deg", "0,40,80"];
         let (table, _) = bake(recipe, &args);
-        let section = BothSides::of(&table.meta).unwrap().expect("the section was asked for");
-        let lobes = table.passages.as_ref().unwrap();
-        let cells = table.meta.exit_axis.cells();
+        let section = table.meta().both_sides.as_ref().expect("the section was asked for");
+        let cells = table.meta().exit_axis.cells();
         for (i, below) in section.from_below.iter().enumerate() {
             let sum = below.reflected + below.transmitted + below.absorbed;
             assert!((sum - 1.0).abs() < 1e-12, "{recipe} {azimuth}: {below:?}");
             assert_eq!(below.absorbed > 0.0, recipe == absorbing);
-            let above = table.meta.per_incidence[i].transmitted;
+            let above = table.meta().per_incidence[i].transmitted;
             for (passage, light) in Passage::ALL.iter().zip([above, below.reflected, below.transmitted]) {
-                let weights = section.weights(*passage, &table.meta.exit_axis);
-                let values = &lobes[*passage as usize][i * cells..(i + 1) * cells];
+                let weights = section.weights(*passage, &table.meta().exit_axis);
+                let values = table.at_incidence(table.passage(*passage).unwrap(), i);
                 let read: f64 = values
                     .iter()
                     .zip(&weights[i * cells..])
@@ -117,8 +120,8 @@ fn light_from_below_meets_the_stack_upside_down() {
     };
     let (both, _) = bake(&stack(1.0, 1.3, 1.6, 1.4), &[&sides[..], &["--both-sides"]].concat());
     let (turned, _) = bake(&stack(1.3, 1.0, 1.4, 1.6), &sides);
-    let section = BothSides::of(&both.meta).unwrap().unwrap();
-    for (below, above) in section.from_below.iter().zip(&turned.meta.per_incidence) {
+    let section = both.meta().both_sides.as_ref().unwrap();
+    for (below, above) in section.from_below.iter().zip(&turned.meta().per_incidence) {
         // Two resolutions, both far finer than the totals need.
         assert!((below.reflected - above.albedo).abs() < 1e-5, "{below:?} {above:?}");
         assert!((below.transmitted - above.transmitted).abs() < 1e-5, "{below:?} {above:?}");
@@ -139,7 +142,7 @@ fn both_sides_need_doubling() {
 /// The first line of `--solver auto`, which names the solver and why.
 fn chosen(recipe: &str, args: &[&str]) -> (Solver, String) {
     let (table, said) = bake(recipe, &[&["--solver", "auto"], args].concat());
-    (table.meta.solver, said.lines().next().unwrap_or_default().to_owned())
+    (table.meta().solver, said.lines().next().unwrap_or_default().to_owned())
 }
 
 #[test]

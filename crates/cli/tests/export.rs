@@ -1,9 +1,6 @@
 //! `lut export` as its users meet it: every format, what it prints, and whether a reader that shares no code with it
 //! finds the error that was printed.
 
-#[path = "../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
-
 use lut_io::exr_file;
 use serde_json::{Value, json};
 use std::collections::HashMap;
@@ -26,9 +23,9 @@ impl Specimen {
         let folder = tempfile::tempdir().unwrap();
         let table = folder.path().join("table.exr");
         let incidences: Vec<f64> = (0..=45).map(|i| 2.0 * f64::from(i)).collect();
-        let mut specimen = specimen::plane(&incidences, 96);
-        specimen.meta.recipe["look"] =
-            json!({ "depth": 0.0, "coherence": 0.0, "brightness": 1.0, "body_rgb": [0.5, 0.6, 0.7] });
+        let look = json!({ "depth": 0.0, "coherence": 0.0, "brightness": 1.0, "body_rgb": [0.5, 0.6, 0.7] });
+        let grey = |parts: &mut lut_io::Parts| parts.meta.recipe["look"] = look;
+        let specimen = specimen::changed(&specimen::plane(&incidences, 96), grey);
         exr_file::write(&specimen, &table).unwrap();
         Self { folder, table }
     }

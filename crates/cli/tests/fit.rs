@@ -1,11 +1,9 @@
 //! `lut fit` as its users meet it: small files that every command reads, and figures that can be checked.
 
-#[path = "../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
-
-use lut_io::compact::{self, Form};
+use lut_io::compact::{Compact, Form};
+use lut_io::fit;
 use lut_io::lobe::Interpolant;
-use lut_io::table::Component;
+use lut_io::table::{Component, IncidenceSummary};
 use lut_io::{Table, diff, exr_file};
 use serde_json::Value;
 use std::fs;
@@ -64,7 +62,7 @@ fn both_forms_are_small_and_as_far_from_the_table_as_they_say() {
             assert!(said["ratio"].as_f64().unwrap() > least_ratio, "{name} {form}: {said}");
             // The figure, measured again on what a reader sees.
             let read = exr_file::read(&small).unwrap();
-            let section = compact::Section::of(&read.meta).unwrap().unwrap();
+            let section = read.meta().compact.as_ref().unwrap();
             assert_eq!(serde_json::to_value(section.error).unwrap(), said["error"]);
             let found = diff::diff(&whole, &Interpolant::new(read)).worst_total_variation_percent;
             let percent = said["error"]["total_variation_percent"].as_f64().unwrap();
@@ -96,7 +94,7 @@ fn half_precision_alone_keeps_every_cell_to_its_rounding() {
         let (from, to) = (source.to_str().unwrap(), small.to_str().unwrap());
         json(&lut(&["fit", from, "--form", "table", "--total-variation", "0", "-o", to, "--json"]));
         let read = exr_file::read(&small).unwrap();
-        assert_eq!(read.meta.exit_axis, table.meta.exit_axis);
+        assert_eq!(read.meta().exit_axis, table.meta().exit_axis);
         for component in Component::ALL {
             let peak = table.lobe(component).value.iter().copied().fold(0.0, f32::max);
             for (a, b) in table.lobe(component).value.iter().zip(&read.lobe(component).value) {
@@ -179,8 +177,8 @@ fn wrong_requests_are_refused_in_one_line_and_leave_the_output_alone() {
 #[test]
 fn damaged_compact_files_are_refused_or_harmless() {
     for (_, table) in tables() {
-        let terms = compact::analytic::terms(&table.meta.exit_axis, 5);
-        for compact in [compact::fitted(&table, terms, 1).unwrap(), compact::halved(&table, 1).unwrap()] {
+        let terms = fit::terms(&table.meta().exit_axis, 5);
+        for compact in [fit::fitted(&table, terms, 1).unwrap(), fit::halved(&table, 1).unwrap()] {
             let bytes = exr_file::encode_compact(&compact).unwrap();
             assert!(exr_file::decode(&bytes).is_ok());
             for cut in (0..bytes.len()).step_by(37) {
@@ -191,7 +189,7 @@ fn damaged_compact_files_are_refused_or_harmless() {
                 damaged[at] ^= 1 << (at % 8);
                 // No panic; a table that comes out is whole.
                 if let Ok(table) = exr_file::decode(&damaged) {
-                    table.validate().unwrap();
+                    Table::new(table.into_parts()).unwrap();
                 }
             }
         }
@@ -201,29 +199,25 @@ fn damaged_compact_files_are_refused_or_harmless() {
 #[test]
 fn metadata_that_claim_too_much_or_do_not_fit_are_refused_with_their_field() {
     let (_, table) = &tables()[0];
-    let good = compact::halved(table, 1).unwrap();
+    let good = fit::halved(table, 1).unwrap();
     let with_form = |form: Form| {
-        let mut compact = good.clone();
-        let mut section = compact.section().unwrap();
-        section.form = form;
-        section.store(&mut compact.meta).unwrap();
-        exr_file::encode_compact(&compact).unwrap_err()
+        let mut meta = good.meta().clone();
+        meta.compact.as_mut().unwrap().form = form;
+        Compact::new(meta, good.samples().clone()).unwrap_err()
     };
     assert_eq!(with_form(Form::Half { exponent: vec![[0; 3]; 2] }).field, "compact.form.exponent");
     assert_eq!(with_form(Form::Half { exponent: vec![[999; 3]; 19] }).field, "compact.form.exponent");
     assert_eq!(with_form(Form::Analytic { terms: Vec::new() }).field, "compact.form.terms");
-    let mut many = good.clone();
-    if let lut_io::axis::ExitAxis::Plane { cells, .. } = &mut many.meta.exit_axis {
+    let mut meta = good.meta().clone();
+    meta.compact = None;
+    assert_eq!(Compact::new(meta, good.samples().clone()).unwrap_err().field, "compact");
+    let mut many = good.meta().clone();
+    if let lut_io::axis::ExitAxis::Plane { cells, .. } = &mut many.exit_axis {
         *cells = 1 << 16;
     }
-    many.meta.per_incidence = (0..900)
-        .map(|i| {
-            let mut at = good.meta.per_incidence[0].clone();
-            at.theta_i_deg = 0.1 * f64::from(i);
-            at
-        })
-        .collect();
+    let at = |i| IncidenceSummary { theta_i_deg: 0.1 * f64::from(i), ..good.meta().per_incidence[0].clone() };
+    many.per_incidence = (0..500).map(at).collect();
     // Over what its bytes could vouch for, under what a table may have.
-    let error = many.expand().unwrap_err();
-    assert!(error.field == "compact" && error.problem.contains("at most"), "{error}");
+    let error = Compact::new(many, good.samples().clone()).unwrap_err();
+    assert!(error.field == "compact.form" && error.problem.contains("at most"), "{error}");
 }

@@ -1,9 +1,7 @@
 //! `lut` as its users meet it: what it prints, where, and how it exits.
 
-#[path = "../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
-
-use lut_io::{Table, exr_file};
+use lut_io::table::Component;
+use lut_io::{Parts, Table, exr_file};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -64,7 +62,7 @@ fn info_gives_every_field_of_the_interface() {
     let table = plane();
     let info = json(&lut(&["info", "--json"], &file(&table).path));
     assert_eq!(info["schema"], "pearl-lut/1");
-    assert_eq!(info["recipe"], table.meta.recipe);
+    assert_eq!(info["recipe"], table.meta().recipe);
     assert_eq!(info["seed"], 7);
     assert_eq!(info["solver"], "walk");
     assert_eq!(info["grids"]["theta_i_deg"][2], 30.0);
@@ -80,7 +78,7 @@ fn info_gives_every_field_of_the_interface() {
         "sd_theta_o_deg",
         "skew_theta_o",
     ];
-    for (incidence, summary) in incidences.iter().zip(&table.meta.per_incidence) {
+    for (incidence, summary) in incidences.iter().zip(&table.meta().per_incidence) {
         assert_eq!(incidence["theta_i_deg"], summary.theta_i_deg);
         assert_eq!(incidence["albedo"], summary.albedo);
         for field in fields {
@@ -104,28 +102,30 @@ fn a_slice_at_a_stored_incidence_is_the_stored_bits() {
     let table = plane();
     let slice = json(&lut(&["slice", "--theta-i", "30", "--phi", "0", "--json"], &file(&table).path));
     assert_eq!(slice["stored"], true);
-    let axis = table.meta.exit_axis.columns_at(30f64.to_radians());
+    let axis = table.meta().exit_axis.columns_at(30f64.to_radians());
     let forward: Vec<usize> = (0..64).filter(|k| axis.at(*k as f64 + 0.5) >= 0.0).collect();
     let printed: Vec<f32> = floats(&slice["interior"]).iter().map(|v| *v as f32).collect();
-    let stored: Vec<f32> = forward.iter().map(|k| table.interior.value[2 * 64 + k]).collect();
+    let stored: Vec<f32> =
+        forward.iter().map(|k| table.lobe(Component::Interior).value[2 * 64 + k]).collect();
     assert_eq!(printed, stored);
     let back = json(&lut(&["slice", "--theta-i", "30", "--phi", "180", "--json"], &file(&table).path));
     let printed: Vec<f32> = floats(&back["surface"]).iter().map(|v| *v as f32).collect();
-    let stored: Vec<f32> = (0..forward[0]).rev().map(|k| table.surface.value[2 * 64 + k]).collect();
+    let stored: Vec<f32> =
+        (0..forward[0]).rev().map(|k| table.lobe(Component::Surface).value[2 * 64 + k]).collect();
     assert_eq!(printed, stored);
 }
 
 #[test]
 fn a_slice_of_a_walk_table_at_the_azimuth_of_a_cell_is_the_stored_bits() {
     let table = space();
-    let phi = table.meta.exit_axis.phi_at(60f64.to_radians()).unwrap().at(3.5).to_degrees();
+    let phi = table.meta().exit_axis.phi_at(60f64.to_radians()).unwrap().at(3.5).to_degrees();
     // As a reader of the file's f32 channel would type it.
     let typed = (phi as f32).to_string();
     let slice = json(&lut(&["slice", "--theta-i", "60", "--phi", &typed, "--json"], &file(&table).path));
     assert_eq!(slice["stored"], true);
     let start = (2 * 16 + 3) * 32;
     let printed: Vec<f32> = floats(&slice["interior"]).iter().map(|v| *v as f32).collect();
-    assert_eq!(printed, table.interior.value[start..start + 32]);
+    assert_eq!(printed, table.lobe(Component::Interior).value[start..start + 32]);
 }
 
 #[test]
@@ -199,7 +199,7 @@ fn a_table_does_not_differ_from_itself() {
 
 /// The table with every cell moved by its standard error times a made-up normal deviate.
 fn noisy(table: &Table, shift: f64) -> Table {
-    let mut noisy = table.clone();
+    let mut noisy = table.clone().into_parts();
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     let mut deviate = || {
         // Sum of twelve uniforms less six: normal enough for a chi² test (splitmix64, seed above).
@@ -213,7 +213,7 @@ fn noisy(table: &Table, shift: f64) -> Table {
             .sum();
         sum - 6.0
     };
-    for lobe in [&mut noisy.interior, &mut noisy.surface] {
+    for lobe in &mut noisy.lobes[..2] {
         for (value, error) in lobe.value.iter_mut().zip(&lobe.std_error) {
             // Two tables with the same error: the difference has √2 of it.
             let moved =
@@ -221,7 +221,7 @@ fn noisy(table: &Table, shift: f64) -> Table {
             *value = moved.max(0.0) as f32;
         }
     }
-    noisy
+    specimen::made(noisy)
 }
 
 #[test]
@@ -237,9 +237,11 @@ fn a_difference_within_the_errors_is_not_significant_and_one_beyond_is() {
     assert_eq!(report["schema"], "lut-diff/1");
     assert_eq!(report["significant"], true);
     assert!(report["smallest_p"].as_f64().unwrap() < 1e-6);
-    let mut albedo = table.clone();
-    // 10 standard errors of the difference.
-    albedo.meta.per_incidence[1].albedo += 10.0 * 2f64.sqrt() * albedo.meta.per_incidence[1].std_error.albedo;
+    let albedo = specimen::changed(&table, |parts| {
+        let at = &mut parts.meta.per_incidence[1];
+        // 10 standard errors of the difference.
+        at.albedo += 10.0 * 2f64.sqrt() * at.std_error.albedo;
+    });
     let c = file(&albedo);
     refused_with_output(&lut(&["diff", c.path.to_str().unwrap()], &a.path), &["differ significantly"]);
 }
@@ -290,32 +292,32 @@ fn a_sound_table_passes_every_check() {
 
 #[test]
 fn each_check_finds_the_fault_it_is_for() {
-    let broken = |change: &dyn Fn(&mut Table), check: &str| {
-        let mut table = plane();
-        change(&mut table);
+    let broken = |change: &dyn Fn(&mut Parts), check: &str| {
+        let table = specimen::changed(&plane(), change);
         refused_with_output(&lut(&["check"], &file(&table).path), &[check]);
     };
     broken(&|t| t.meta.per_incidence[3].transmitted += 1e-11, "energy");
     // More is refused by every reader.
     broken(&|t| t.meta.per_incidence[3].surface = t.meta.per_incidence[3].albedo + 1e-8, "ledger");
-    broken(&|t| t.interior.value.iter_mut().for_each(|v| *v *= 1.002), "integral");
-    broken(&|t| t.interior.value[20] *= 1.01, "azimuth");
-    broken(&|t| t.surface.count[100] = 2e6, "counts");
-    broken(&|t| t.interior.std_error.iter_mut().for_each(|e| *e *= 0.9), "error_bars");
+    broken(&|t| t.lobes[0].value.iter_mut().for_each(|v| *v *= 1.002), "integral");
+    broken(&|t| t.lobes[0].value[20] *= 1.01, "azimuth");
+    broken(&|t| t.lobes[1].count[100] = 2e6, "counts");
+    broken(&|t| t.lobes[0].std_error.iter_mut().for_each(|e| *e *= 0.9), "error_bars");
     // One cell of the lobe's flank, 60 % too high.
-    broken(&|t| t.interior.value[3 * 64 + 40] *= 1.6, "smoothness");
+    broken(&|t| t.lobes[0].value[3 * 64 + 40] *= 1.6, "smoothness");
 }
 
 #[test]
 fn honest_errors_pass_against_another_seed_and_dishonest_ones_do_not() {
     let table = specimen::plane(&[15.0, 30.0, 45.0, 60.0, 75.0], 64);
-    let mut other = noisy(&table, 0.0);
-    other.meta.seed += 1;
-    for summary in &mut other.meta.per_incidence {
-        // One standard error of the difference.
-        summary.albedo += 2f64.sqrt() * summary.std_error.albedo;
-        summary.mean_theta_o_deg -= 2f64.sqrt() * summary.std_error.mean_theta_o_deg;
-    }
+    let other = specimen::changed(&noisy(&table, 0.0), |parts| {
+        parts.meta.seed += 1;
+        for summary in &mut parts.meta.per_incidence {
+            // One standard error of the difference.
+            summary.albedo += 2f64.sqrt() * summary.std_error.albedo;
+            summary.mean_theta_o_deg -= 2f64.sqrt() * summary.std_error.mean_theta_o_deg;
+        }
+    });
     let against = |a: &Table, b: &Table| {
         lut(&["check", "--json", "--against", file(b).path.to_str().unwrap()], &file(a).path)
     };
@@ -329,18 +331,16 @@ fn honest_errors_pass_against_another_seed_and_dishonest_ones_do_not() {
     );
     // Errors a quarter too small, or too large.
     for factor in [0.75, 1.25] {
-        let mut boastful = other.clone();
-        boastful.interior.std_error.iter_mut().for_each(|error| *error *= factor);
-        let mut ours = table.clone();
-        ours.interior.std_error.iter_mut().for_each(|error| *error *= factor);
+        let scaled =
+            |parts: &mut Parts| parts.lobes[0].std_error.iter_mut().for_each(|error| *error *= factor);
+        let [ours, boastful] = [&table, &other].map(|table| specimen::changed(table, scaled));
         let output = against(&ours, &boastful);
         assert_eq!(output.status.code(), Some(3));
         assert!(String::from_utf8_lossy(&output.stderr).contains("honesty"), "{:#}", report(&output));
     }
     let seed = &table.clone();
     refused(&against(&table, seed), 2, &["seed", "is the same"]);
-    let mut recipe = other.clone();
-    recipe.meta.recipe["name"] = "another".into();
+    let recipe = specimen::changed(&other, |parts| parts.meta.recipe["name"] = "another".into());
     refused(&against(&table, &recipe), 2, &["recipe", "differs"]);
 }
 

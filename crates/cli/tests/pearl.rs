@@ -1,8 +1,5 @@
 //! `pearl` as its users meet it: what it takes for a component list, and what it says of bad input.
 
-#[path = "../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
-
 use lut_io::exr_file;
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -14,10 +14,26 @@ pub struct FieldError {
 }
 
 impl FieldError {
-    /// A error of `field`.
+    /// An error of `field`.
     pub fn new(field: impl Into<String>, problem: impl Into<String>) -> Self {
         Self { field: field.into(), problem: problem.into() }
     }
+
+    /// The same error of a field that lies in `parent`.
+    #[must_use]
+    pub fn within(self, parent: &str) -> Self {
+        Self { field: format!("{parent}.{}", self.field), problem: self.problem }
+    }
+}
+
+/// An error of `field` unless its value is finite and as it should be (`right`, in words).
+pub(crate) fn check(field: &str, value: f64, ok: bool, right: &str) -> Result<(), FieldError> {
+    ensure(field, ok && value.is_finite(), || format!("is {value}, expected {right}"))
+}
+
+/// An error of `field` unless all is well.
+pub(crate) fn ensure(field: &str, ok: bool, problem: impl FnOnce() -> String) -> Result<(), FieldError> {
+    if ok { Ok(()) } else { Err(FieldError::new(field, problem())) }
 }
 
 /// Why a table file could not be read or written. `Display` is one line that names the file.

@@ -1,30 +1,28 @@
-//! The pearl table (`pearl-lut/1`): one OpenEXR file that holds the light a nacre stack sends back.
+#![doc = include_str!("../README.md")]
 //!
-//! [`axis`] says which directions a row's cells cover, [`measure`] how much direction a cell stands for,
-//! [`decay`] is the azimuth postulate, [`table`] is the table in memory, [`lobe`] reads it at any pair of
-//! directions, [`both_sides`] adds transmission and light from below, [`compact`] are small forms of a table, [`dispersion`] lobes at further wavelengths, [`reciprocal`] makes a table the same both ways, [`spectra`] holds the colours of interference, [`exr_file`] is the file. [`slice`](mod@slice), [`check`], [`diff`] and [`reciprocity`] are what the tool `lut` shows. The file's layout is documented in `docs/LUT-FORMAT.md`.
+//! # Rooms
+//!
+//! Each knows those before it alone:
+//! - the table in memory: [`table`] with its metadata and their sections ([`solver`], [`spectra`], [`dispersion`], [`both_sides`],
+//!   [`reciprocal`]); [`axis`] says which directions a row's cells cover, [`measure`] how much direction a cell stands for,
+//!   [`decay`] is the azimuth postulate, [`limits`] bound what a file may claim;
+//! - reading it: [`lobe`] at any pair of directions, [`profile`], [`slice`](mod@slice) and [`passage`] along a cut;
+//! - the file: [`exr_file`], its small forms [`compact`], and [`atomic`] writing;
+//! - what is done with tables: [`check`], [`diff`], [`fit`] to a compact form, [`reciprocity`], and [`symmetrise`] to a table that
+//!   is the same both ways;
+//! - beside them files of others: [`merl`] and [`tensor_file`].
 
-pub mod atomic;
-pub mod axis;
-pub mod both_sides;
-pub mod check;
-pub mod compact;
-pub mod decay;
-pub mod diff;
-pub mod dispersion;
 pub mod error;
-pub mod exr_file;
-pub mod lobe;
-pub mod measure;
-pub mod merl;
-pub mod monotone;
-pub mod profile;
-pub mod reciprocal;
-pub mod reciprocity;
-pub mod slice;
-pub mod spectra;
-pub mod table;
-pub mod tensor_file;
+mod file;
+mod formats;
+mod model;
+mod ops;
+mod read;
 
 pub use error::{FieldError, LutError};
-pub use table::Table;
+pub use file::{atomic, compact, exr_file};
+pub use formats::{merl, tensor_file};
+pub use model::table::{Parts, Table};
+pub use model::{axis, both_sides, decay, dispersion, limits, measure, reciprocal, solver, spectra, table};
+pub use ops::{check, diff, fit, reciprocity, symmetrise};
+pub use read::{lobe, monotone, passage, profile, slice};

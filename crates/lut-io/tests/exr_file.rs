@@ -2,11 +2,11 @@
 
 #![allow(clippy::print_stderr)] // a skipped test says why
 
-mod specimen;
-
 use lut_io::exr_file::{self, decode, encode};
-use lut_io::table::{AzimuthMode, Table};
-use lut_io::{FieldError, LutError};
+use lut_io::limits::MAX_META_BYTES;
+use lut_io::solver::{Solver, SolverSettings, Walk};
+use lut_io::table::AzimuthMode;
+use lut_io::{FieldError, LutError, Parts, Table};
 use proptest::prelude::*;
 use std::fs;
 use std::path::Path;
@@ -17,6 +17,13 @@ fn plane() -> Table {
 
 fn space() -> Table {
     specimen::space(&[0.0, 45.0, 80.0], 16, 8)
+}
+
+fn walk(parts: &mut Parts) -> &mut Walk {
+    match &mut parts.meta.solver_settings {
+        SolverSettings::Walk(walk) => walk,
+        other => panic!("{other:?}"),
+    }
 }
 
 fn error(bytes: &[u8]) -> FieldError {
@@ -65,10 +72,10 @@ fn by_exr(channels: &[(&str, Vec<f32>)], size: (usize, usize), pearl: &str) -> V
 }
 
 /// Channels, image size and metadata text of a file.
-type Parts = (Vec<(String, Vec<f32>)>, (usize, usize), String);
+type Content = (Vec<(String, Vec<f32>)>, (usize, usize), String);
 
 /// A table as `by_exr` takes it.
-fn parts(table: &Table) -> Parts {
+fn content(table: &Table) -> Content {
     let bytes = encode(table).unwrap();
     let image = {
         use exr::prelude::*;
@@ -93,7 +100,7 @@ fn parts(table: &Table) -> Parts {
     (channels.collect(), (layer.size.0, layer.size.1), pearl)
 }
 
-fn rebuilt(parts: &Parts) -> Vec<u8> {
+fn rebuilt(parts: &Content) -> Vec<u8> {
     let channels: Vec<(&str, Vec<f32>)> = parts.0.iter().map(|(n, v)| (n.as_str(), v.clone())).collect();
     by_exr(&channels, parts.1, &parts.2)
 }
@@ -116,8 +123,8 @@ fn the_same_table_makes_the_same_bytes() {
 
 #[test]
 fn every_character_of_a_recipe_survives_and_the_file_stays_ascii() {
-    let mut table = plane();
-    table.meta.recipe = serde_json::json!({"name": "真珠 \u{1F9AA} \u{7f} \"quoted\" \\ \n"});
+    let recipe = serde_json::json!({"name": "真珠 \u{1F9AA} \u{7f} \"quoted\" \\ \n"});
+    let table = specimen::changed(&plane(), |parts| parts.meta.recipe = recipe);
     let bytes = encode(&table).unwrap();
     assert_eq!(decode(&bytes).unwrap(), table);
     let start = find(&bytes, b"pearl\0string\0") + 17;
@@ -126,37 +133,22 @@ fn every_character_of_a_recipe_survives_and_the_file_stays_ascii() {
 }
 
 #[test]
-fn further_sections_of_the_metadata_survive() {
-    let mut table = plane();
-    table
-        .meta
-        .extra
-        .insert("provenance".to_owned(), serde_json::json!({"version": 1, "nm": [400.5, 700.25]}));
-    assert_eq!(decode(&encode(&table).unwrap()).unwrap(), table);
-}
-
-#[test]
-fn what_json_cannot_say_is_not_written() {
-    let mut table = plane();
-    table.meta.per_incidence[2].skew_theta_o = f64::NAN;
-    assert_eq!(encode(&table).unwrap_err().field, "per_incidence[2].skew_theta_o");
-    let mut table = plane();
-    table.meta.accuracy.asked_percent = Some(f64::INFINITY);
-    assert_eq!(encode(&table).unwrap_err().field, "accuracy.asked_percent");
-}
-
-#[test]
-fn a_table_that_no_reader_would_take_is_not_written() {
-    let refuse = |change: &dyn Fn(&mut Table), field: &str| {
-        let mut table = plane();
-        change(&mut table);
-        let error = encode(&table).unwrap_err();
+fn what_no_reader_would_take_is_not_a_table() {
+    let refuse = |change: &dyn Fn(&mut Parts), field: &str| {
+        let mut parts = plane().into_parts();
+        change(&mut parts);
+        let error = Table::new(parts).unwrap_err();
         assert_eq!(error.field, field, "{error}");
     };
-    refuse(&|t| t.interior.value[3] = f32::NAN, "channel interior");
-    refuse(&|t| t.surface.value[3] = -1e-9, "channel surface");
-    refuse(&|t| t.rehit.std_error[0] = f32::INFINITY, "channel rehit_std_error");
-    refuse(&|t| t.interior.count.truncate(5), "channel interior_count");
+    // What JSON cannot say.
+    refuse(&|t| t.meta.per_incidence[2].skew_theta_o = f64::NAN, "per_incidence[2].skew_theta_o");
+    refuse(&|t| t.meta.accuracy.asked_percent = Some(f64::INFINITY), "accuracy.asked_percent");
+    refuse(&|t| t.lobes[0].value[3] = f32::NAN, "channel interior");
+    refuse(&|t| t.lobes[1].value[3] = -1e-9, "channel surface");
+    refuse(&|t| t.lobes[2].std_error[0] = f32::INFINITY, "channel rehit_std_error");
+    refuse(&|t| t.lobes[0].count.truncate(5), "channel interior_count");
+    refuse(&|t| t.bands.push(t.lobes.clone()), "dispersion");
+    refuse(&|t| t.passages = Some(t.lobes.clone().map(|lobe| lobe.value)), "both_sides");
     refuse(&|t| t.meta.azimuth = AzimuthMode::Space, "exit_axis.kind");
     refuse(&|t| t.meta.per_incidence[1].theta_i_deg = 0.0, "per_incidence[1].theta_i_deg");
     refuse(&|t| t.meta.per_incidence[1].albedo = 1.5, "per_incidence[1].albedo");
@@ -165,7 +157,8 @@ fn a_table_that_no_reader_would_take_is_not_written() {
     refuse(&|t| t.meta.per_incidence[1].azimuth_width_deg = 0.0, "per_incidence[1].azimuth_width_deg");
     refuse(&|t| t.meta.per_incidence.clear(), "per_incidence");
     refuse(&|t| t.meta.schema = "pearl-lut/2".to_owned(), "schema");
-    refuse(&|t| t.meta.surface_model.normals = "any".to_owned(), "surface_model.normals");
+    refuse(&|t| t.meta.solver = Solver::Doubling, "solver_settings");
+    refuse(&|t| walk(t).time_budget_seconds = Some(f64::NAN), "solver_settings.time_budget_seconds");
 }
 
 #[test]
@@ -174,8 +167,8 @@ fn a_refused_write_leaves_the_old_file_alone() {
     let path = directory.path().join("table.exr");
     exr_file::write(&plane(), &path).unwrap();
     let before = fs::read(&path).unwrap();
-    let mut bad = plane();
-    bad.interior.value[0] = f32::NAN;
+    let endless = |parts: &mut Parts| parts.meta.writer = "x".repeat(MAX_META_BYTES);
+    let bad = specimen::changed(&plane(), endless);
     assert!(exr_file::write(&bad, &path).unwrap_err().is_bad_input());
     assert_eq!(fs::read(&path).unwrap(), before);
     assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
@@ -238,22 +231,22 @@ fn a_header_that_claims_too_much_is_refused_before_allocating() {
     claim[at..at + 4].copy_from_slice(&0x7fff_ffffu32.to_le_bytes());
     assert!(error(&claim).to_string().contains("claims"));
     // Axes of 2^60 cells.
-    let text = parts(&plane());
+    let text = content(&plane());
     let text = (text.0, text.1, text.2.replace("\"cells\":32", "\"cells\":1152921504606846976"));
     assert_eq!(error(&rebuilt(&text)).field, "exit_axis cells");
     // Large but legal axes that the file's few bytes cannot back.
     let cells = 1 << 16;
-    let mut large = plane();
-    large.meta.exit_axis = lut_io::axis::ExitAxis::Plane { cells, width: 0.05 };
-    let json = serde_json::to_string(&large.meta).unwrap();
-    let text = (parts(&plane()).0, (32, 6), json);
+    let mut meta = plane().into_parts().meta;
+    meta.exit_axis = lut_io::axis::ExitAxis::Plane { cells, width: 0.05 };
+    let json = serde_json::to_string(&meta).unwrap();
+    let text = (content(&plane()).0, (32, 6), json);
     let lying = with_window(&rebuilt(&text), [0, 0, cells as i32 - 1, 5]);
     // Refused by the size of the block, not after decompressing into reserved memory.
     assert!(error(&lying).problem.contains("of pixels"), "{}", error(&lying));
 }
 
 fn good_with_schema(schema: &str) -> Vec<u8> {
-    let mut text = parts(&plane());
+    let mut text = content(&plane());
     text.2 = text.2.replacen("pearl-lut/1", schema, 1);
     rebuilt(&text)
 }
@@ -264,11 +257,11 @@ fn a_newer_schema_is_refused_by_name_whatever_else_changed() {
     let newer = error(&replaced(&bytes, "pearl-lut/1", "pearl-lut/2"));
     assert_eq!(newer.field, "schema");
     assert!(newer.problem.contains("pearl-lut/2") && newer.problem.contains("newer"), "{newer}");
-    let mut text = parts(&plane());
+    let mut text = content(&plane());
     text.2 = r#"{"schema":"pearl-lut/7","something":"else"}"#.to_owned();
     assert!(error(&rebuilt(&text)).problem.contains("pearl-lut/7"));
     let minor = good_with_schema("pearl-lut/1.4");
-    assert_eq!(decode(&minor).unwrap().meta.schema, "pearl-lut/1.4");
+    assert_eq!(decode(&minor).unwrap().meta().schema, "pearl-lut/1.4");
     assert!(error(&good_with_schema("pearl-lut/11")).problem.contains("newer"));
     text.2 = r#"{"schema":"other/1"}"#.to_owned();
     assert_eq!(error(&rebuilt(&text)).field, "schema");
@@ -276,7 +269,7 @@ fn a_newer_schema_is_refused_by_name_whatever_else_changed() {
 
 #[test]
 fn damaged_metadata_are_refused_with_the_field() {
-    let good = parts(&plane());
+    let good = content(&plane());
     let with = |pearl: String| error(&rebuilt(&(good.0.clone(), good.1, pearl))).to_string();
     assert!(with("not json".to_owned()).contains("attribute pearl"));
     assert!(with("[".repeat(100_000)).contains("attribute pearl"));
@@ -292,11 +285,23 @@ fn damaged_metadata_are_refused_with_the_field() {
     assert!(with(odd).contains("exit_axis cells"));
     let unknown = good.2.replacen("\"paths\":", "\"pathz\":", 1);
     assert!(with(unknown).contains("per_incidence[0]"));
+    let section = good.2.replacen("\"seed\":", "\"provenance\":{},\"seed\":", 1);
+    assert!(with(section).contains("provenance"));
+    let normals = good.2.replacen("\"unweighted\"", "\"any\"", 1);
+    assert!(with(normals).contains("surface_model.normals"));
+    for (right, wrong) in [
+        ("\"f32\"", "\"f16\""),
+        ("\"event_cap\":", "\"event_cap\":1e40,\"cap\":"),
+        ("\"crossings\":", "\"crossing\":"),
+    ] {
+        assert!(good.2.contains(right), "{right}");
+        assert!(with(good.2.replacen(right, wrong, 1)).contains("solver_settings: are not those"), "{wrong}");
+    }
 }
 
 #[test]
 fn wrong_channels_are_refused_by_name() {
-    let good = parts(&plane());
+    let good = content(&plane());
     let mut missing = good.clone();
     missing.0.retain(|(name, _)| name != "rehit");
     assert_eq!(error(&rebuilt(&missing)).field, "channel rehit");
@@ -307,7 +312,7 @@ fn wrong_channels_are_refused_by_name() {
 
 #[test]
 fn wrong_samples_are_refused_by_channel_and_cell() {
-    let good = parts(&plane());
+    let good = content(&plane());
     let with = |name: &str, at: usize, value: f32| {
         let mut bad = good.clone();
         bad.0.iter_mut().find(|(known, _)| known == name).unwrap().1[at] = value;
@@ -325,14 +330,14 @@ fn wrong_samples_are_refused_by_channel_and_cell() {
 
 #[test]
 fn a_size_that_does_not_fit_the_metadata_is_refused() {
-    let mut bad = parts(&plane());
+    let mut bad = content(&plane());
     bad.2 = bad.2.replacen("\"cells\":32", "\"cells\":34", 1);
     assert_eq!(error(&rebuilt(&bad)).field, "attribute dataWindow");
 }
 
 #[test]
 fn widths_that_do_not_fit_the_coordinates_are_refused() {
-    let good = parts(&plane());
+    let good = content(&plane());
     let width = format!("\"width\":{}", 4f64.to_radians());
     assert!(good.2.contains(&width));
     let bad = (good.0.clone(), good.1, good.2.replacen(&width, "\"width\":0.1", 1));
@@ -357,7 +362,7 @@ fn other_kinds_of_openexr_files_are_refused() {
 #[test]
 fn a_file_saved_again_by_another_program_is_still_read() {
     // Other attributes, other order of attributes, other lossless compression, blocks elsewhere: all legal.
-    let (channels, size, pearl) = parts(&plane());
+    let (channels, size, pearl) = content(&plane());
     use exr::prelude::*;
     let list: SmallVec<[AnyChannel<FlatSamples>; 4]> =
         channels.iter().map(|(n, v)| AnyChannel::new(n.as_str(), FlatSamples::F32(v.clone()))).collect();
@@ -384,16 +389,15 @@ fn fingerprint(bytes: &[u8]) -> u64 {
 #[test]
 fn the_bytes_of_a_small_table_do_not_change_between_versions() {
     // Values that need no libm but the axis', so that the fingerprint is the layout's and the encoder's.
-    let mut table = specimen::plane(&[0.0], 2);
-    for lobe in [&mut table.interior, &mut table.surface, &mut table.rehit] {
-        *lobe = lut_io::table::Lobe {
+    let table = specimen::changed(&specimen::plane(&[0.0], 2), |parts| {
+        parts.lobes = [(); 3].map(|()| lut_io::table::Lobe {
             value: vec![0.25, 0.5],
             std_error: vec![0.125, 0.0],
             count: vec![3.0, 4.0],
-        };
-    }
+        });
+    });
     let bytes = encode(&table).unwrap();
-    assert_eq!((bytes.len(), fingerprint(&bytes)), (1808, 10_633_432_335_389_279_063));
+    assert_eq!((bytes.len(), fingerprint(&bytes)), (1896, 16_170_814_602_468_481_857));
 }
 
 proptest! {
@@ -410,7 +414,7 @@ proptest! {
         }
         // Must not panic; what is accepted must be a table that could be written again.
         if let Ok(table) = decode(&bytes) {
-            prop_assert!(table.validate().is_ok() && encode(&table).is_ok());
+            prop_assert!(encode(&table).is_ok() && Table::new(table.into_parts()).is_ok());
         }
     }
 
@@ -420,7 +424,7 @@ proptest! {
         let at = at.min(bytes.len() - 4);
         bytes[at..at + 4].copy_from_slice(&value);
         if let Ok(table) = decode(&bytes) {
-            prop_assert!(table.validate().is_ok());
+            prop_assert!(Table::new(table.into_parts()).is_ok());
         }
     }
 
@@ -433,9 +437,10 @@ proptest! {
 
     #[test]
     fn any_values_come_back_bit_by_bit(values in prop::collection::vec(0.0f32..f32::MAX, 6 * 32)) {
-        let mut table = plane();
-        table.interior.value = values.clone();
-        table.surface.std_error = values;
+        let table = specimen::changed(&plane(), |parts| {
+            parts.lobes[0].value = values.clone();
+            parts.lobes[1].std_error = values;
+        });
         prop_assert_eq!(decode(&encode(&table).unwrap()).unwrap(), table);
     }
 }
@@ -509,7 +514,7 @@ proptest! {
             apply(&mut bytes, at.index(room), hurt);
         }
         if let Ok(table) = decode(&bytes) {
-            prop_assert!(table.validate().is_ok());
+            prop_assert!(Table::new(table.into_parts()).is_ok());
         }
     }
 }

@@ -1,7 +1,6 @@
 //! Reading a table between its nodes.
 
-mod specimen;
-
+use lut_io::Parts;
 use lut_io::axis::ExitAxis;
 use lut_io::decay;
 use lut_io::lobe::Interpolant;
@@ -92,8 +91,10 @@ fn cells_at_stored_incidences_are_the_stored_bits() {
     for (i, theta_i) in table.theta_i().into_iter().enumerate() {
         let row = lobe.row(theta_i);
         assert_eq!(row.stored(), Some(i));
-        for (k, stored) in table.interior.value[i * 64 * 24..(i + 1) * 64 * 24].iter().enumerate() {
-            assert_eq!(row.cell(&table.interior.value, k / 64, k % 64), f64::from(*stored));
+        for (k, stored) in
+            table.lobe(Component::Interior).value[i * 64 * 24..(i + 1) * 64 * 24].iter().enumerate()
+        {
+            assert_eq!(row.cell(&table.lobe(Component::Interior).value, k / 64, k % 64), f64::from(*stored));
         }
     }
     assert_eq!(lobe.row(0.1).stored(), None);
@@ -103,7 +104,7 @@ fn cells_at_stored_incidences_are_the_stored_bits() {
 fn in_the_plane_of_incidence_a_decay_table_is_the_walks_row() {
     let lobe = Interpolant::new(specimen::plane(&[0.0, 30.0, 60.0], 96));
     let row = lobe.row(30f64.to_radians());
-    let values = &lobe.table().interior.value;
+    let values = &lobe.table().lobe(Component::Interior).value;
     for (column, s) in row.columns().centres().into_iter().enumerate() {
         let phi = if s < 0.0 { PI } else { 0.0 };
         let read = row.read(values, s.abs(), phi);
@@ -191,8 +192,8 @@ fn a_table_with_one_incidence_serves_all_and_moves_with_the_mirror_direction() {
 
 #[test]
 fn a_component_without_light_reads_as_zero() {
-    let mut table = specimen::plane(&[0.0, 45.0], 16);
-    table.rehit.value.fill(0.0);
-    let lobe = Interpolant::new(table);
+    let table = specimen::plane(&[0.0, 45.0], 16);
+    let dark = |parts: &mut Parts| parts.lobes[Component::Rehit as usize].value.fill(0.0);
+    let lobe = Interpolant::new(specimen::changed(&table, dark));
     assert_eq!(lobe.eval(Component::Rehit, 0.3, 0.2, 1.0), 0.0);
 }

@@ -1,7 +1,5 @@
 //! Profiles in the plane of incidence.
 
-mod specimen;
-
 use lut_io::lobe::Interpolant;
 use lut_io::profile::{Profile, Quantity};
 use lut_io::slice::Slice;

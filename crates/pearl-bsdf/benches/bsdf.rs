@@ -1,8 +1,5 @@
 //! Time of a change of controls, and of eval, pdf and sample on one thread: a pair at a call, and 1024 pairs at a call (the rate is per pair).
 
-#[path = "../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
-
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pearl_bsdf::{Controls, Direction, Evaluation, PearlBsdf, Prepared};
 use rand::{RngExt as _, SeedableRng as _};

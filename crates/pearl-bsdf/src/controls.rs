@@ -1,6 +1,5 @@
 //! What an artist sets.
 
-use lut_io::spectra;
 use lut_io::table::Meta;
 
 /// The artist's controls; colours are linear sRGB.
@@ -123,12 +122,11 @@ impl Controls {
         for (c, channel) in controls.body_rgb.iter_mut().enumerate() {
             *channel = look["body_rgb"][c].as_f64().unwrap_or(*channel);
         }
-        let has =
-            |part: &str| meta.extra.get(spectra::KEY).is_some_and(|spectra| spectra.get(part).is_some());
-        if !has("emission") {
+        let spectra = meta.spectra.as_ref();
+        if spectra.is_none_or(|s| s.emission.is_none()) {
             controls.depth = 0.0;
         }
-        if !has("coherent") {
+        if spectra.is_none_or(|s| s.coherent.is_none()) {
             controls.coherence = 0.0;
         }
         controls

@@ -29,9 +29,6 @@ mod numerics;
 mod prepare;
 pub mod round_trip;
 mod sample;
-#[cfg(test)]
-#[path = "../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
 
 pub use controls::{BsdfError, Components, Controls};
 pub use eval::{Evaluation, PearlBsdf};

@@ -2,15 +2,12 @@
 //!
 //! Tables are made up (Gaussian lobes with closed-form albedos), so that nothing here depends on a bake.
 
-#[path = "../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
-
 mod made_up;
 
 use lut_io::axis::ExitAxis;
-use lut_io::dispersion;
 use lut_io::lobe::Interpolant;
-use lut_io::table::{Component, Table};
+use lut_io::spectra::Missing;
+use lut_io::table::{Component, Normals, SurfaceModel, Table};
 use made_up::{direction, dispersed, random_controls, with_spectra, with_waves};
 use pearl_bsdf::{BsdfError, Components, Controls, Direction, Evaluation, PearlBsdf};
 use rand::rngs::StdRng;
@@ -161,10 +158,12 @@ fn colours_near_the_horizon_neither_gain_nor_lose_light() {
 /// sends out, summed over many exits by the midpoint rule, is its share. (Its quadrature missed the root by 2 % of the light.)
 #[test]
 fn total_reflection_keeps_its_share() {
-    let mut table = specimen::table(&incidences(), ExitAxis::Plane { cells: 48, width: 8f64.to_radians() });
-    table.meta.surface_model.n_ambient = 1.46;
-    table.meta.surface_model.n_first = 1.3;
-    table.meta.surface_model.slope_sd = 4f64.to_radians();
+    let table = specimen::table(&incidences(), ExitAxis::Plane { cells: 48, width: 8f64.to_radians() });
+    let table = specimen::changed(&table, |parts| {
+        let normals = parts.meta.surface_model.normals;
+        parts.meta.surface_model =
+            SurfaceModel { n_ambient: 1.46, n_first: 1.3, slope_sd: 4f64.to_radians(), normals };
+    });
     let lobe = Interpolant::new(table.clone());
     let plain = Controls { components: Components::from_names(["mirror"]).unwrap(), ..white_plain() };
     let bsdf = bsdf(&table, plain);
@@ -453,10 +452,17 @@ fn nothing_is_nan_at_poles_horizons_and_ends_of_the_unit_interval() {
         [0.0, 0.0, f64::INFINITY],
     ];
     let ends = [0.0, tiny, 0.5, 1.0 - f64::EPSILON];
-    for (sigma, normals) in [(0.0, "unweighted"), (0.035, "visible"), (0.7, "unweighted"), (0.7, "visible")] {
-        for mut table in tables().map(with_spectra) {
-            table.meta.surface_model.slope_sd = sigma;
-            table.meta.surface_model.normals = normals.to_owned();
+    for (sigma, normals) in [
+        (0.0, Normals::Unweighted),
+        (0.035, Normals::Visible),
+        (0.7, Normals::Unweighted),
+        (0.7, Normals::Visible),
+    ] {
+        for table in tables().map(with_spectra) {
+            let table = specimen::changed(&table, |parts| {
+                parts.meta.surface_model.slope_sd = sigma;
+                parts.meta.surface_model.normals = normals;
+            });
             let bsdf = bsdf(&table, Controls::default());
             for wi in &directions {
                 for wo in &directions {
@@ -538,9 +544,10 @@ fn a_dispersed_lobe_is_that_of_the_band_and_linear_between() {
         let (table, bands) = dispersed(table);
         let whole = bsdf(&table, Controls::default());
         let [blue, red] = [0, 1].map(|i| bsdf(&bands[i], Controls::default()));
-        let mut own = table.clone();
-        own.meta.extra.remove(dispersion::KEY);
-        own.bands.clear();
+        let own = specimen::changed(&table, |parts| {
+            parts.meta.dispersion = None;
+            parts.bands.clear();
+        });
         let own = bsdf(&own, Controls::default());
         let (wi, wo) = (direction(0.6, PI), direction(0.7, 0.1));
         let near = |a: [f64; 4], b: [f64; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-12 * b.abs());
@@ -604,12 +611,13 @@ fn a_dispersed_lobe_is_sampled_without_bias_and_reflects_no_more_than_it_receive
 
 #[test]
 fn controls_that_cannot_be_met_say_what_would_be_right() {
-    let mut table = specimen::plane(&[0.0, 45.0, 90.0], 16);
+    let table = specimen::plane(&[0.0, 45.0, 90.0], 16);
     let error = |table: &Table| PearlBsdf::from_table(table.clone(), Controls::default()).unwrap_err();
     let (unsaid, words) = (error(&table), "depth: is 0.5, expected 0: the table has no emission colours");
     assert!(matches!(unsaid, BsdfError::NoSpectra { control: "depth", .. }) && unsaid.to_string() == words);
-    table.meta.extra.insert("spectra_missing".to_owned(), serde_json::json!({ "emission": "no layers" }));
-    assert_eq!(error(&table).to_string(), format!("{words} (no layers)"));
+    let missing = Missing { emission: Some("no layers".to_owned()), coherent: None };
+    let told = specimen::changed(&table, |parts| parts.meta.spectra_missing = Some(missing));
+    assert_eq!(error(&told).to_string(), format!("{words} (no layers)"));
     let controls = Controls { brightness: 1.5, depth: 0.0, coherence: 0.0, ..Controls::default() };
     let error = PearlBsdf::from_table(table, controls).unwrap_err().to_string();
     assert!(error.starts_with("brightness: 1.5") && !error.contains('\n'), "{error}");

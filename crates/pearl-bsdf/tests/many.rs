@@ -1,12 +1,10 @@
 //! Many pairs at a call: the bits of one pair at a call, whatever the table, the controls and the directions.
 
-#[path = "../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
-
 mod made_up;
 
+use lut_io::Parts;
 use lut_io::axis::ExitAxis;
-use lut_io::reciprocal;
+use lut_io::symmetrise;
 use lut_io::table::Table;
 use made_up::{direction, dispersed, random_controls, with_spectra};
 use pearl_bsdf::{Components, Controls, Direction, Evaluation, PearlBsdf, Sample};
@@ -24,16 +22,16 @@ fn tables(random: &mut StdRng) -> Vec<Table> {
     let mut tables = Vec::new();
     for axis in axes(4f64.to_radians()) {
         let plain = specimen::table(&every(7.5), axis);
-        tables.push(reciprocal::symmetrised(&plain).unwrap());
+        tables.push(symmetrise::symmetrised(&plain).unwrap());
         tables.push(dispersed(with_spectra(plain.clone())).0);
         tables.push(plain);
     }
     for degrees in [0.02, 0.3 + random.random::<f64>(), 14.0] {
         // The closed form of interface 0 gets facets as wide as the lobe: at 14° some are cut off at every incidence.
         for (axis, incidences) in axes(f64::to_radians(degrees)).into_iter().zip([&odd[..], &every(15.0)]) {
-            let mut table = specimen::table(incidences, axis);
-            table.meta.surface_model.slope_sd = axis.width();
-            tables.push(with_spectra(table));
+            let table = specimen::table(incidences, axis);
+            let wide = |parts: &mut Parts| parts.meta.surface_model.slope_sd = axis.width();
+            tables.push(with_spectra(specimen::changed(&table, wide)));
         }
     }
     tables
@@ -66,7 +64,7 @@ fn directions(random: &mut StdRng, count: usize) -> Vec<Direction> {
 fn controls(random: &mut StdRng, table: &Table) -> Controls {
     let names = Components::NAMES.into_iter().filter(|_| random.random::<f64>() < 0.8);
     let components = Components::from_names(names.collect::<Vec<_>>()).unwrap();
-    let plain = Controls::of(&table.meta);
+    let plain = Controls::of(table.meta());
     let drawn = random_controls(random);
     // Without interference colours there is nothing to ask for.
     let (depth, coherence) =
@@ -118,7 +116,7 @@ fn bits(value: &Evaluation) -> [[u64; 3]; 4] {
 #[should_panic(expected = "slices of 2, 1 and 2 do not go together")]
 fn slices_of_several_lengths_are_refused() {
     let table = specimen::plane(&[0.0, 45.0, 90.0], 48);
-    let controls = Controls::of(&table.meta);
+    let controls = Controls::of(table.meta());
     let bsdf = PearlBsdf::from_table(table, controls).unwrap();
     bsdf.pdf_many(&[[0.0, 0.0, 1.0]; 2], &[[0.0, 0.0, 1.0]], &mut [0.0; 2]);
 }

@@ -1,8 +1,5 @@
 //! A `.bsdf` file says what the BSDF says: read back as Mitsuba reads it, on its nodes and between them.
 
-#[path = "../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
-
 use lut_io::tensor_file::{Field, Values, decode, encode};
 use pearl_bsdf::measured::{Channels, Reader, fields};
 use pearl_bsdf::round_trip::{self, THETA_I_DEG};

@@ -1,8 +1,5 @@
 //! Arrays of a prepared table: complete, finite, and enough for every look.
 
-#[path = "../../lut-io/tests/specimen/mod.rs"]
-mod specimen;
-
 mod made_up;
 
 use lut_io::table::Table;

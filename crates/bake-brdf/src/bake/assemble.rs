@@ -4,16 +4,21 @@ use super::cells::cell_shares;
 use super::halfway::{self, Halfway, Row};
 use super::{BakeError, Bands, Request};
 use crate::bake::sampling::Sampling;
+use crate::effects::{Effect, EffectSet};
 use crate::options::{SolverChoice, Target};
+use crate::spectra::{self, Colours};
 use crate::tally::CellShares;
 use lut_io::axis::ExitAxis;
+use lut_io::both_sides::BothSides;
+use lut_io::dispersion::{Band, Dispersion};
 use lut_io::measure;
+use lut_io::solver::{Doubling, Estimator, Interpolation, NoLobe, Solver, SolverSettings, Walk};
 use lut_io::table::{
-    Accuracy, AzimuthMode, Component, IncidenceSummary, Lobe, Meta, SCHEMA, Solver, SummaryErrors,
+    Accuracy, AzimuthMode, Component, IncidenceSummary, Lobe, Meta, Parts, SCHEMA, SummaryErrors,
     SurfaceModel, Table,
 };
 use rayon::prelude::*;
-use transport::doubling::{ErrorEstimate, Lobe as SolvedLobe, Solution};
+use transport::doubling::{self, ErrorEstimate, Lobe as SolvedLobe, Solution};
 use transport::{Normals, Transport};
 
 /// What a solver knows of one incidence.
@@ -25,33 +30,115 @@ pub(super) struct Incidence {
     pub(super) noise: f64,
 }
 
-/// The table of a finished walk, with those of its further bands.
-pub(super) fn walk_tables(request: &Request, bands: &Bands, sampling: &Sampling) -> Result<Table, BakeError> {
-    let table = |(nm, band)| {
-        let request = request.at_wavelength(nm);
-        Ok(walk_table(&request, &request.transport()?, &request.exit_axis(), sampling, band))
-    };
-    let mut tables = bands.all_nm().zip(0..).map(table).collect::<Result<Vec<_>, BakeError>>()?;
-    let further = tables.split_off(1);
-    joined(tables.remove(0), further, bands)
+/// The lobe at one wavelength, solved.
+pub(super) struct Solved {
+    /// What the metadata say of it; colours come later.
+    pub(super) band: Band,
+    /// In the order of [`Component::ALL`].
+    pub(super) lobes: [Lobe; 3],
 }
 
-/// The table of the recipe's wavelength with those of its further bands.
-pub(super) fn joined(mut table: Table, further: Vec<Table>, bands: &Bands) -> Result<Table, BakeError> {
-    if !further.is_empty() {
-        let added = table.add_bands(further, bands.rgb_weights(), bands.interpolation_percent);
-        added.map_err(super::invalid)?;
-    }
-    Ok(table)
+/// What passes, and what becomes of light from below.
+pub(super) struct SecondSide {
+    pub(super) section: BothSides,
+    /// Stored values, in the order of [`lut_io::both_sides::Passage::ALL`].
+    pub(super) passages: [Vec<f32>; 3],
 }
 
-fn walk_table(
+/// The table of a finished walk.
+pub(super) fn walk_table(
     request: &Request,
-    transport: &Transport,
-    axis: &ExitAxis,
+    bands: &Bands,
     sampling: &Sampling,
-    band: usize,
-) -> Table {
+    colours: &Colours,
+) -> Result<Table, BakeError> {
+    let solved = bands.all_nm().enumerate().map(|(band, nm)| {
+        let request = request.at_wavelength(nm);
+        Ok(walked(&request, &request.transport()?, sampling, band))
+    });
+    let solved = solved.collect::<Result<_, BakeError>>()?;
+    table(request, solved, None, bands, colours)
+}
+
+/// The table of the lobes at all wavelengths, the recipe's own first, with its second side and its colours.
+///
+/// # Errors
+/// Lobes or colours that do not make a valid table.
+pub(super) fn table(
+    request: &Request,
+    solved: Vec<Solved>,
+    sides: Option<SecondSide>,
+    bands: &Bands,
+    colours: &Colours,
+) -> Result<Table, BakeError> {
+    let mut solved = solved.into_iter();
+    let own = solved.next().ok_or_else(|| BakeError::Input("no wavelength was solved".to_owned()))?;
+    let (further, lobes) = further_bands(request, solved, colours)?;
+    let dispersion = (!further.is_empty()).then(|| Dispersion {
+        interpolation_percent: bands.interpolation_percent,
+        rgb_weights: bands.rgb_weights(),
+        bands: further,
+    });
+    // Thicknesses matter to colours alone: irregularity is held if a colour is.
+    let held = |effect: &Effect| match effect {
+        Effect::Coherent | Effect::Emission => colours.effects().contains(*effect),
+        Effect::Irregularity => colours.effects() != EffectSet::NONE,
+        _ => true,
+    };
+    let (both_sides, passages) = sides.map(|sides| (sides.section, sides.passages)).unzip();
+    let solver = own.band.solver_settings.solver();
+    let choice = match solver {
+        Solver::Walk => SolverChoice::Walk,
+        Solver::Doubling => SolverChoice::Doubling,
+    };
+    let exit_axis = request.exit_axis();
+    let meta = Meta {
+        schema: SCHEMA.to_owned(),
+        writer: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned(),
+        recipe: request.recipe.to_json(),
+        seed: request.options.seed,
+        solver,
+        solver_settings: own.band.solver_settings,
+        azimuth: match exit_axis {
+            ExitAxis::Plane { .. } => AzimuthMode::Decay,
+            ExitAxis::Space { .. } => AzimuthMode::Space,
+        },
+        wavelength_nm: own.band.wavelength_nm,
+        accuracy: own.band.accuracy,
+        exit_axis,
+        surface_model: own.band.surface_model,
+        effects: request.effects.iter().filter(held).collect::<EffectSet>().names(),
+        per_incidence: own.band.per_incidence,
+        both_sides,
+        compact: None,
+        content_hash: Some(request.content_hash(choice)),
+        dispersion,
+        reciprocal: None,
+        spectra: colours.section(),
+        spectra_missing: colours.missing_section(),
+    };
+    Table::new(Parts { meta, lobes: own.lobes, passages, bands: lobes }).map_err(super::invalid)
+}
+
+/// The bands beside the table's own, and their lobes.
+fn further_bands(
+    request: &Request,
+    solved: impl Iterator<Item = Solved>,
+    colours: &Colours,
+) -> Result<(Vec<Band>, Vec<[Lobe; 3]>), BakeError> {
+    let wanted = request.wanted_colours();
+    let with_colour = |Solved { mut band, lobes }: Solved| {
+        if let Some(coherent) = &colours.spectra.coherent {
+            let (nm, angles) = (band.wavelength_nm, &coherent.theta_deg);
+            band.incoherent = Some(spectra::incoherent(&request.recipe, wanted, nm, angles)?);
+        }
+        Ok((band, lobes))
+    };
+    solved.map(with_colour).collect()
+}
+
+fn walked(request: &Request, transport: &Transport, sampling: &Sampling, band: usize) -> Solved {
+    let axis = &request.exit_axis();
     let tallies = sampling.band_tallies(band);
     let incidences =
         tallies.iter().zip(&request.options.incident_deg).enumerate().map(|(i, (tally, &theta_i_deg))| {
@@ -66,15 +153,19 @@ fn walk_table(
             }
         });
     let crossings: u64 = tallies.iter().map(|tally| tally.crossings).sum();
-    let mut settings = settings([
-        ("estimator", "analog".into()),
-        ("precision", sampling.precision().into()),
-        ("event_cap", request.options.event_cap.into()),
-        ("crossings", crossings.into()),
-    ]);
-    if let Target::Time(budget) = request.options.target {
-        settings.insert("time_budget_seconds".to_owned(), budget.as_secs_f64().into());
-    }
+    let settings = |interpolation| {
+        SolverSettings::Walk(Walk {
+            crossings,
+            estimator: Estimator::Analog,
+            event_cap: request.options.event_cap,
+            interpolation,
+            precision: sampling.precision(),
+            time_budget_seconds: match request.options.target {
+                Target::Time(budget) => Some(budget.as_secs_f64()),
+                Target::AccuracyPercent(_) | Target::Paths(_) => None,
+            },
+        })
+    };
     let halfway = |rows: &[Row]| {
         halfway::beside_walk(
             &request.recipe,
@@ -86,17 +177,17 @@ fn walk_table(
         )
         .unwrap_or_else(|| halfway::estimated(axis, rows))
     };
-    table(request, transport, axis, (Solver::Walk, settings), incidences.collect(), halfway)
+    solved(request, transport, axis, settings, incidences.collect(), halfway)
 }
 
-/// The table of a doubling solution: of the request's incidences, then of the middles of some `intervals` between them.
-pub(super) fn doubling_table(
+/// The lobe of a doubling solution: of the request's incidences, then of the middles of some `intervals` between them.
+pub(super) fn doubled(
     request: &Request,
     transport: &Transport,
     axis: &ExitAxis,
     solution: &Solution,
     intervals: &[usize],
-) -> Table {
+) -> Solved {
     let stored = request.options.incident_deg.len();
     let incidences: Vec<Incidence> = (0..stored)
         .into_par_iter()
@@ -112,12 +203,9 @@ pub(super) fn doubling_table(
             Incidence { summary, components, noise: 0.0 }
         })
         .collect();
-    let settings = settings([
-        ("nodes", solution.settings.nodes.into()),
-        ("modes", solution.settings.modes.into()),
-        ("reach", solution.settings.reach.into()),
-        ("density", solution.settings.density.into()),
-    ]);
+    let doubling::Settings { nodes, modes, reach, density, .. } = solution.settings;
+    let settings =
+        |interpolation| SolverSettings::Doubling(Doubling { density, interpolation, modes, nodes, reach });
     let halfway = |rows: &[Row]| {
         let middles: Vec<Row> = (stored..solution.lobes.len())
             .into_par_iter()
@@ -125,17 +213,11 @@ pub(super) fn doubling_table(
             .collect();
         halfway::measured(axis, rows, intervals, &middles)
     };
-    table(request, transport, axis, (Solver::Doubling, settings), incidences, halfway)
+    solved(request, transport, axis, settings, incidences, halfway)
 }
 
-pub(super) fn settings<const N: usize>(
-    entries: [(&str, serde_json::Value); N],
-) -> serde_json::Map<String, serde_json::Value> {
-    entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
-}
-
-/// The table of a pearl that shows no lobe.
-pub(super) fn lobeless_table(request: &Request, transport: &Transport, axis: &ExitAxis) -> Table {
+/// The lobe of a pearl that shows none.
+pub(super) fn dark(request: &Request, transport: &Transport, axis: &ExitAxis) -> Solved {
     let incidences = request.options.incident_deg.iter().map(|&theta_i_deg| Incidence {
         summary: IncidenceSummary { theta_i_deg, transmitted: 1.0, ..IncidenceSummary::default() },
         components: Component::ALL.map(|_| CellShares {
@@ -145,8 +227,8 @@ pub(super) fn lobeless_table(request: &Request, transport: &Transport, axis: &Ex
         }),
         noise: 0.0,
     });
-    let solver = (Solver::Doubling, settings([("lobe", "none".into())]));
-    table(request, transport, axis, solver, incidences.collect(), |rows| halfway::estimated(axis, rows))
+    let settings = |interpolation| SolverSettings::Dark { interpolation, lobe: NoLobe::None };
+    solved(request, transport, axis, settings, incidences.collect(), |rows| halfway::estimated(axis, rows))
 }
 
 fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> IncidenceSummary {
@@ -202,16 +284,16 @@ pub(super) fn summary(
     }
 }
 
-/// The table and its error half-way between incidences, which `halfway` knows or finds from the table's rows.
-pub(super) fn table(
+/// The lobe of these incidences, and its error half-way between them, which `halfway` knows or finds from the rows.
+pub(super) fn solved(
     request: &Request,
     transport: &Transport,
     axis: &ExitAxis,
-    solver: (Solver, serde_json::Map<String, serde_json::Value>),
+    settings: impl FnOnce(Interpolation) -> SolverSettings,
     mut incidences: Vec<Incidence>,
     halfway: impl FnOnce(&[Row]) -> Halfway,
-) -> Table {
-    let mut lobes = [const { Lobe { value: Vec::new(), std_error: Vec::new(), count: Vec::new() } }; 3];
+) -> Solved {
+    let mut lobes: [Lobe; 3] = Default::default();
     let mut rows = Vec::new();
     for incidence in &mut incidences {
         let summary = &mut incidence.summary;
@@ -232,66 +314,26 @@ pub(super) fn table(
         let shares: [&[f64]; 2] = [&interior.share, &surface.share];
         rows.push(Row::new(theta_i, width, &extents, weights, shares, incidence.noise));
     }
-    let summaries: Vec<IncidenceSummary> =
+    let per_incidence: Vec<IncidenceSummary> =
         incidences.into_iter().map(|incidence| incidence.summary).collect();
     let halfway = halfway(&rows);
-    let accuracy = accuracy(request.options.target, halfway, &summaries);
-    let (solver, mut settings) = solver;
-    settings.insert("interpolation".to_owned(), serde_json::json!(halfway.by));
-    let solver = (solver, settings.into());
-    let [interior, surface, rehit] = lobes;
-    Table {
-        meta: meta(request, transport, axis, solver, summaries, accuracy),
-        interior,
-        surface,
-        rehit,
-        passages: None,
-        bands: Vec::new(),
-    }
-}
-
-fn meta(
-    request: &Request,
-    transport: &Transport,
-    axis: &ExitAxis,
-    (solver, solver_settings): (Solver, serde_json::Value),
-    per_incidence: Vec<IncidenceSummary>,
-    accuracy: Accuracy,
-) -> Meta {
-    let by = match solver {
-        Solver::Walk => SolverChoice::Walk,
-        Solver::Doubling => SolverChoice::Doubling,
-    };
-    Meta {
-        schema: SCHEMA.to_owned(),
-        writer: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned(),
-        recipe: request.recipe.to_json(),
-        seed: request.options.seed,
-        solver,
-        solver_settings,
-        azimuth: match axis {
-            ExitAxis::Plane { .. } => AzimuthMode::Decay,
-            ExitAxis::Space { .. } => AzimuthMode::Space,
-        },
+    let band = Band {
         wavelength_nm: request.recipe.light.wavelength_nm,
-        accuracy,
-        exit_axis: *axis,
+        solver_settings: settings(halfway.by),
+        accuracy: accuracy(request.options.target, halfway, &per_incidence),
         surface_model: SurfaceModel {
             n_ambient: transport.indices[0],
             n_first: transport.indices[1],
             slope_sd: transport.facets.slope_sd,
             normals: match transport.facets.normals {
-                Normals::Unweighted => "unweighted".to_owned(),
-                Normals::Visible => "visible".to_owned(),
+                Normals::Unweighted => lut_io::table::Normals::Unweighted,
+                Normals::Visible => lut_io::table::Normals::Visible,
             },
         },
-        // Set when the colours are in.
-        effects: Vec::new(),
+        incoherent: None,
         per_incidence,
-        extra: [("content_hash".to_owned(), serde_json::Value::String(request.content_hash(by)))]
-            .into_iter()
-            .collect(),
-    }
+    };
+    Solved { band, lobes }
 }
 
 /// Stored values, errors and counts of one component at one incidence.

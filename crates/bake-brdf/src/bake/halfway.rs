@@ -9,8 +9,8 @@ use crate::recipe::Recipe;
 use lut_io::axis::ExitAxis;
 use lut_io::measure;
 use lut_io::monotone::Monotone;
+use lut_io::solver::Interpolation;
 use rayon::prelude::*;
-use serde::Serialize;
 use transport::doubling::{Cost, Settings, Solution};
 use transport::{Geometry, Transport};
 
@@ -27,18 +27,8 @@ const NEGLIGIBLE: f64 = 0.2;
 pub(super) struct Halfway {
     /// Total variation, as a share of the reflected light.
     pub share: f64,
-    /// How it is known.
-    pub by: Method,
-}
-
-/// How the error of reading between incidences is known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum Method {
-    /// By solutions half-way, in the intervals of [`intervals`].
-    Measured,
-    /// From second differences of the rows.
-    Estimated,
+    /// How it is known: by solutions in the intervals of [`intervals`], or from the rows.
+    pub by: Interpolation,
 }
 
 /// All the light of one incidence, as a table of it is read.
@@ -134,7 +124,7 @@ pub(super) fn estimated(axis: &ExitAxis, rows: &[Row]) -> Halfway {
     };
     let ends = [beyond(bends.last(), bends.iter().rev().nth(1)), beyond(bends.first(), bends.get(1))];
     let share = 0.25 * bends.iter().chain(&ends).copied().fold(0.0, f64::max);
-    Halfway { share: share.min(1.0), by: Method::Estimated }
+    Halfway { share: share.min(1.0), by: Interpolation::Estimated }
 }
 
 /// Intervals (by the index of their first incidence) to look at: the last, and the widest of each part of the range.
@@ -170,7 +160,7 @@ pub(super) fn measured(axis: &ExitAxis, rows: &[Row], intervals: &[usize], middl
     let worst = missed.fold(0.0, f64::max);
     // Three digits are more than it is good for, and hide in which order a machine's matrix products add.
     let share = format!("{worst:.2e}").parse().unwrap_or(worst);
-    Halfway { share, by: Method::Measured }
+    Halfway { share, by: Interpolation::Measured }
 }
 
 /// An auxiliary doubling solution beside a walk.

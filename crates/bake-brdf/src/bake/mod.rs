@@ -18,12 +18,13 @@ pub use cells::exit_axis;
 pub use choice::{Counts, choose_solver, counts, solver};
 pub use request::Request;
 
-use crate::effects::{Effect, EffectError, EffectSet};
+use crate::effects::EffectError;
 use crate::options::{OptionError, Sides, SolverChoice, Target};
 use crate::recipe::RecipeError;
-use crate::spectra::{self, Colours, SpectraError};
+use crate::spectra::SpectraError;
 use crate::tally::Tally;
-use lut_io::dispersion::Dispersion;
+use assemble::{SecondSide, Solved};
+use lut_io::axis::ExitAxis;
 use lut_io::table::Table;
 use sampling::{Sampling, Shard, State};
 use snapshot::Snapshot;
@@ -129,7 +130,8 @@ fn lobeless(request: &Request) -> Result<Table, BakeError> {
     request.options.check()?;
     // Two incidences hold what there is to say.
     let request = request.at_incidences(vec![0.0, 90.0]);
-    Ok(assemble::lobeless_table(&request, &request.transport()?, &request.exit_axis()))
+    let dark = assemble::dark(&request, &request.transport()?, &request.exit_axis());
+    assemble::table(&request, vec![dark], None, &Bands::own(&request.recipe), &request.colours()?)
 }
 
 /// Bakes a table: chooses bands and solver, solves, adds colours.
@@ -164,20 +166,24 @@ pub fn doubling(request: &Request, bands: &Bands) -> Result<Table, BakeError> {
         if both_sides {
             return refuse("the effects leave no lobe; expected surface or blur among them");
         }
-        return coloured(request, lobeless(request)?, &request.colours()?);
+        return lobeless(request);
     }
     let percent = doubled_percent(request)?;
-    let transport = request.transport()?;
     if both_sides && !bands.further_nm.is_empty() {
         return refuse("holds one wavelength; expected effects without dispersion");
     }
     // Before the lobe, so that a refusal comes before the work.
     let colours = request.colours()?;
-    let further = bands.further_nm.iter().map(|nm| request.at_wavelength(*nm));
-    let further: Result<Vec<Table>, BakeError> =
-        further.map(|request| doubled(&request, &request.transport()?, percent)).collect();
-    let table = doubled(request, &transport, percent)?;
-    coloured(request, assemble::joined(table, further?, bands)?, &colours)
+    let axis = request.exit_axis();
+    let mut second_side = None;
+    let mut solved = Vec::new();
+    for nm in bands.all_nm() {
+        let request = request.at_wavelength(nm);
+        let (lobe, side) = doubled(&request, &request.transport()?, &axis, percent)?;
+        solved.push(lobe);
+        second_side = second_side.or(side);
+    }
+    assemble::table(request, solved, second_side, bands, &colours)
 }
 
 /// The accuracy, per cent, to which a request is solved by doubling.
@@ -198,27 +204,28 @@ fn doubled_percent(request: &Request) -> Result<f64, BakeError> {
     Ok(percent)
 }
 
-/// The table of one wavelength, without colours.
-fn doubled(request: &Request, transport: &Transport, percent: f64) -> Result<Table, BakeError> {
-    let axis = request.exit_axis();
+/// The lobe at one wavelength, and the other side of it if that is wanted.
+fn doubled(
+    request: &Request,
+    transport: &Transport,
+    axis: &ExitAxis,
+    percent: f64,
+) -> Result<(Solved, Option<SecondSide>), BakeError> {
     let both_sides = request.options.sides == Sides::Both;
     if transport.facets.slope_sd == 0.0 {
         let lobes = doubling::smooth(transport, &request.theta_i())?;
         let upside_down = both_sides.then(|| transport.upside_down());
         let below = upside_down.map(|below| doubling::smooth(&below, &request.theta_i())).transpose()?;
-        return second_side::smooth_table(request, transport, &axis, &lobes, below.as_deref())
-            .map_err(invalid);
+        return Ok(second_side::smooth(request, transport, axis, &lobes, below.as_deref()));
     }
     let share = (percent / 100.0).min(COARSEST_DOUBLING);
     let mut theta_i = request.theta_i();
     let intervals = halfway::intervals(&theta_i);
     theta_i.extend(halfway::middles(&theta_i, &intervals));
     let solution = doubling::solve_to(transport, request.geometry(), &theta_i, share, both_sides)?;
-    let mut table = assemble::doubling_table(request, transport, &axis, &solution, &intervals);
-    if let Some(below) = &solution.from_below {
-        second_side::add(&mut table, request, transport, &solution, below).map_err(invalid)?;
-    }
-    Ok(table)
+    let solved = assemble::doubled(request, transport, axis, &solution, &intervals);
+    let below = solution.from_below.as_ref();
+    Ok((solved, below.map(|below| second_side::of(request, transport, axis, &solution, below))))
 }
 
 /// Why a problem has no solution by doubling, if it has none.
@@ -245,7 +252,7 @@ pub fn walk(
     resume: Option<Snapshot>,
 ) -> Result<Table, BakeError> {
     if !request.effects.has_lobe() {
-        return coloured(request, lobeless(request)?, &request.colours()?);
+        return lobeless(request);
     }
     let mut sampling = Sampling::of(request, bands, Shard::WHOLE)?;
     // Before the lobe, so that a refusal comes before the work.
@@ -255,29 +262,7 @@ pub fn walk(
         (checkpoint.keep)(&sampling.state());
     }
     result?;
-    coloured(request, assemble::walk_tables(request, bands, &sampling)?, &colours)
-}
-
-/// Adds the colours; thicknesses matter to nothing else, so that irregularity is held if a colour is.
-fn coloured(request: &Request, mut table: Table, colours: &Colours) -> Result<Table, BakeError> {
-    colours.store(&mut table.meta).map_err(invalid)?;
-    if let (Some(coherent), Some(mut dispersion)) =
-        (&colours.spectra.coherent, Dispersion::of(&table.meta).map_err(invalid)?)
-    {
-        let wanted = request.wanted_colours();
-        for band in &mut dispersion.bands {
-            let nm = band.wavelength_nm;
-            band.incoherent = Some(spectra::incoherent(&request.recipe, wanted, nm, &coherent.theta_deg)?);
-        }
-        dispersion.store(&mut table.meta).map_err(invalid)?;
-    }
-    let held = |effect: Effect| match effect {
-        Effect::Coherent | Effect::Emission => colours.effects().contains(effect),
-        Effect::Irregularity => colours.effects() != EffectSet::NONE,
-        _ => true,
-    };
-    table.meta.effects = request.effects.iter().filter(|effect| held(*effect)).collect::<EffectSet>().names();
-    Ok(table)
+    assemble::walk_table(request, bands, &sampling, &colours)
 }
 
 /// Whether the bake of these bands can be made reciprocal ([`reciprocal`]).
@@ -285,19 +270,15 @@ fn coloured(request: &Request, mut table: Table, colours: &Colours) -> Result<Ta
 /// # Errors
 /// More bands than the recipe's own.
 pub fn can_be_reciprocal(bands: &Bands) -> Result<(), BakeError> {
-    if bands.further_nm.is_empty() { Ok(()) } else { Err(invalid(lut_io::reciprocal::several_bands())) }
+    if bands.further_nm.is_empty() { Ok(()) } else { Err(invalid(lut_io::symmetrise::several_bands())) }
 }
 
-/// The reciprocal table nearest to a baked one, named as another bake than that.
+/// The reciprocal table nearest to a baked one.
 ///
 /// # Errors
 /// A table that cannot be made reciprocal.
 pub fn reciprocal(table: &Table) -> Result<Table, BakeError> {
-    let mut table = lut_io::reciprocal::symmetrised(table).map_err(invalid)?;
-    if let Some(serde_json::Value::String(hash)) = table.meta.extra.get_mut("content_hash") {
-        hash.push_str("-reciprocal");
-    }
-    Ok(table)
+    lut_io::symmetrise::symmetrised(table).map_err(invalid)
 }
 
 fn walk_target(

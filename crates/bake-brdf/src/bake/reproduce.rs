@@ -9,10 +9,10 @@ use super::{BakeError, Observer, Request, assemble};
 use crate::effects::{Effect, EffectSet, Effects};
 use crate::options::{DEFAULT_EVENT_CAP, Options, Sides, SolverChoice, Target};
 use crate::recipe::Recipe;
-use crate::spectra::MISSING_KEY;
 use crate::tally::MAX_PATHS;
-use lut_io::dispersion::{self, Dispersion};
-use lut_io::table::{Component, IncidenceSummary, Lobe, Meta, Solver, Table};
+use lut_io::dispersion;
+use lut_io::solver::{self, Solver, SolverSettings, Walk};
+use lut_io::table::{Component, IncidenceSummary, Lobe, Meta, Table};
 use serde::Serialize;
 use serde_json::Value;
 use std::time::Duration;
@@ -34,20 +34,12 @@ pub struct Difference {
 /// # Errors
 /// Metadata that no bake of this version writes; the line names the key.
 pub fn request(meta: &Meta) -> Result<Request, BakeError> {
-    let missing = |key: &str, right: &str| BakeError::Input(format!("solver_settings.{key}: {right}"));
     let recipe = Recipe::from_json(&meta.recipe.to_string())
         .map_err(|why| BakeError::Input(format!("recipe in the metadata: {why}")))?;
     let walked = meta.solver == Solver::Walk;
-    let precision = match meta.solver_settings.get("precision").and_then(Value::as_str) {
-        Some("f32") => Precision::F32,
-        Some("f64") => Precision::F64,
-        _ if walked => return Err(missing("precision", "expected f32 or f64")),
-        _ => Precision::Auto,
-    };
-    let event_cap = match meta.solver_settings.get("event_cap").and_then(Value::as_u64).map(u32::try_from) {
-        Some(Ok(cap)) => cap,
-        _ if walked => return Err(missing("event_cap", "expected a number of events")),
-        _ => DEFAULT_EVENT_CAP,
+    let (precision, event_cap) = match &meta.solver_settings {
+        SolverSettings::Walk(walk) => (exactly(walk.precision), walk.event_cap),
+        _ => (Precision::Auto, DEFAULT_EVENT_CAP),
     };
     for at in meta.per_incidence.iter().filter(|_| walked) {
         if !(1..=MAX_PATHS).contains(&at.paths) {
@@ -59,11 +51,10 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
         Effect::from_name(name).ok_or_else(unknown)
     };
     let mut effects = meta.effects.iter().map(effect).collect::<Result<EffectSet, _>>()?;
-    if meta.extra.contains_key(MISSING_KEY) {
+    if meta.spectra_missing.is_some() {
         // Colours that this stack could not have were asked for by its look.
         effects = effects.union(EffectSet::by_look(&recipe));
     }
-    let both_sides = meta.extra.contains_key(lut_io::both_sides::KEY);
     let options = Options {
         effects: Effects::Look,
         azimuth: None,
@@ -73,10 +64,17 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
         seed: meta.seed,
         event_cap,
         precision,
-        sides: if both_sides { Sides::Both } else { Sides::Above },
+        sides: if meta.both_sides.is_some() { Sides::Both } else { Sides::Above },
     };
     options.check()?;
     Ok(Request { recipe, effects, options })
+}
+
+const fn exactly(precision: solver::Precision) -> Precision {
+    match precision {
+        solver::Precision::F32 => Precision::F32,
+        solver::Precision::F64 => Precision::F64,
+    }
 }
 
 fn paths_refused(at: &IncidenceSummary, right: &str) -> BakeError {
@@ -89,11 +87,11 @@ fn target(meta: &Meta) -> Result<Target, BakeError> {
     if let Some(percent) = meta.accuracy.asked_percent {
         return Ok(Target::AccuracyPercent(percent));
     }
-    if let Some(budget) = meta.solver_settings.get("time_budget_seconds") {
-        let seconds = budget.as_f64().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-        return seconds.map(Target::Time).ok_or_else(|| {
+    if let SolverSettings::Walk(Walk { time_budget_seconds: Some(seconds), .. }) = meta.solver_settings {
+        let budget = Duration::try_from_secs_f64(seconds);
+        return budget.map(Target::Time).map_err(|_| {
             BakeError::Input(format!(
-                "solver_settings.time_budget_seconds: {budget} is not a time in seconds"
+                "solver_settings.time_budget_seconds: {seconds} is longer than a bake can take"
             ))
         });
     }
@@ -113,7 +111,7 @@ fn target(meta: &Meta) -> Result<Target, BakeError> {
 /// As [`request`], and those of the bake.
 pub fn bake_again(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeError> {
     let table = bake_as_walked(meta, observer)?;
-    if lut_io::reciprocal::is_reciprocal(meta) { super::reciprocal(&table) } else { Ok(table) }
+    if meta.reciprocal.is_some() { super::reciprocal(&table) } else { Ok(table) }
 }
 
 fn bake_as_walked(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeError> {
@@ -126,13 +124,12 @@ fn bake_as_walked(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeErr
         return super::walk(&request, &bands, observer, None);
     }
     // A time gives other path counts every time: those of the table are walked.
-    let further = Dispersion::of(meta).map_err(|error| BakeError::Input(error.to_string()))?;
-    let further = further.iter().flat_map(|section| &section.bands).flat_map(|band| &band.per_incidence);
+    let further =
+        meta.dispersion.iter().flat_map(|section| &section.bands).flat_map(|band| &band.per_incidence);
     let paths: Vec<u64> = meta.per_incidence.iter().chain(further).map(|at| at.paths).collect();
     let mut sampling = Sampling::of(&request, &bands, Shard::WHOLE)?;
     sampling.walk_to(&paths, observer)?;
-    let table = assemble::walk_tables(&request, &bands, &sampling)?;
-    super::coloured(&request, table, &request.colours()?)
+    assemble::walk_table(&request, &bands, &sampling, &request.colours()?)
 }
 
 /// Every key of the metadata and every channel in which two tables are not the same bit for bit.
@@ -140,11 +137,11 @@ fn bake_as_walked(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeErr
 pub fn differences(stored: &Table, again: &Table) -> Vec<Difference> {
     let mut found = Vec::new();
     let as_json = |meta: &Meta| serde_json::to_value(meta).unwrap_or_default();
-    compare_json("", &as_json(&stored.meta), &as_json(&again.meta), &mut found);
+    compare_json("", &as_json(stored.meta()), &as_json(again.meta()), &mut found);
     for component in Component::ALL {
         compare_lobes(component.name(), stored, stored.lobe(component), again.lobe(component), &mut found);
     }
-    for (band, (one, other)) in stored.bands.iter().zip(&again.bands).enumerate() {
+    for (band, (one, other)) in stored.bands().iter().zip(again.bands()).enumerate() {
         for (i, component) in Component::ALL.into_iter().enumerate() {
             let name = dispersion::channel_name(component.name(), band);
             compare_lobes(&name, stored, &one[i], &other[i], &mut found);
@@ -197,8 +194,8 @@ fn compare_lobes(name: &str, table: &Table, stored: &Lobe, again: &Lobe, found: 
         let differing = |(a, b): (&f32, &f32)| a.to_bits() != b.to_bits();
         let Some(first) = a.iter().zip(b).position(differing) else { continue };
         let count = a.iter().zip(b).filter(|&(a, b)| differing((a, b))).count();
-        let per_incidence = table.meta.exit_axis.cells();
-        let theta_i = table.meta.per_incidence[first / per_incidence].theta_i_deg;
+        let per_incidence = table.meta().exit_axis.cells();
+        let theta_i = table.meta().per_incidence[first / per_incidence].theta_i_deg;
         let cell = first % per_incidence;
         found.push(Difference {
             field: format!("{field}, {count} of {} cells, first at {theta_i}° cell {cell}", a.len()),
@@ -222,7 +219,7 @@ mod tests {
     }
 
     fn again(table: &Table) -> Vec<Difference> {
-        differences(table, &bake_again(&table.meta, &Observer::idle()).unwrap())
+        differences(table, &bake_again(table.meta(), &Observer::idle()).unwrap())
     }
 
     #[test]
@@ -236,16 +233,18 @@ mod tests {
 
     #[test]
     fn what_differs_is_named_by_key_and_by_channel() {
-        let mut table = baked(Target::Paths(9000), &[10.0, 70.0]);
-        let cells = table.meta.exit_axis.cells();
-        let at = cells + table.interior.value[cells..].iter().position(|value| *value > 0.0).unwrap();
-        table.interior.value[at] = table.interior.value[at].next_up();
-        table.meta.per_incidence[1].skew_theta_o += 1e-9;
+        let mut parts = baked(Target::Paths(9000), &[10.0, 70.0]).into_parts();
+        let cells = parts.meta.exit_axis.cells();
+        let values = &mut parts.lobes[0].value;
+        let at = cells + values[cells..].iter().position(|value| *value > 0.0).unwrap();
+        values[at] = values[at].next_up();
+        parts.meta.per_incidence[1].skew_theta_o += 1e-9;
+        let table = Table::new(parts).unwrap();
         let found = again(&table);
         let fields: Vec<&str> = found.iter().map(|difference| difference.field.as_str()).collect();
         let channel = format!("channel interior, 1 of {} cells, first at 70° cell {}", 2 * cells, at - cells);
         assert_eq!(fields, ["per_incidence[1].skew_theta_o", &channel]);
-        table.meta.seed = 6;
+        let table = specimen::changed(&table, |parts| parts.meta.seed = 6);
         assert!(again(&table).len() > 10, "another seed differs nearly everywhere");
     }
 
@@ -253,13 +252,18 @@ mod tests {
     fn metadata_that_cannot_be_baked_are_refused_by_key() {
         let table = baked(Target::Paths(5000), &[10.0]);
         let refusal = |change: &dyn Fn(&mut Meta)| {
-            let mut meta = table.meta.clone();
+            let mut meta = table.meta().clone();
             change(&mut meta);
             request(&meta).unwrap_err().to_string()
         };
         assert!(refusal(&|meta| meta.recipe["stack"]["layers"] = "six".into()).contains("stack.layers"));
-        assert!(refusal(&|meta| meta.solver_settings["precision"] = "f16".into()).contains("precision"));
-        assert!(refusal(&|meta| meta.solver_settings["event_cap"] = 1e40.into()).contains("event_cap"));
+        let walk = |meta: &mut Meta, change: &dyn Fn(&mut Walk)| match &mut meta.solver_settings {
+            SolverSettings::Walk(walk) => change(walk),
+            other => panic!("{other:?}"),
+        };
+        assert!(refusal(&|meta| walk(meta, &|walk| walk.event_cap = 0)).contains("event-cap"));
+        let long = |walk: &mut Walk| walk.time_budget_seconds = Some(1e300);
+        assert!(refusal(&|meta| walk(meta, &long)).contains("time_budget_seconds"));
         assert!(refusal(&|meta| meta.per_incidence[0].paths = u64::MAX).contains("paths is"));
         assert!(refusal(&|meta| meta.effects.push("glitter".to_owned())).contains("effects: \"glitter\""));
     }

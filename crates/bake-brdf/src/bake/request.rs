@@ -3,7 +3,7 @@
 use super::BakeError;
 use super::cells::exit_axis;
 use crate::effects::{Effect, EffectError, EffectSet, Effects, View};
-use crate::options::{Options, SolverChoice};
+use crate::options::{Options, Sides, SolverChoice};
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::spectra::{self, Colours, Wanted};
 use lut_io::axis::ExitAxis;
@@ -107,7 +107,7 @@ impl Request {
 
     /// Names what a bake of this request by this solver holds: equal for equal tables (`content_hash` of the metadata).
     ///
-    /// SHA-256 over the version, the recipe and all that the numbers depend on, in hexadecimal.
+    /// SHA-256 over the version, the recipe and all that the numbers depend on, in hexadecimal; both sides are named behind it.
     #[must_use]
     pub fn content_hash(&self, solver: SolverChoice) -> String {
         use sha2::Digest as _;
@@ -127,6 +127,10 @@ impl Request {
             "lobe": lobe,
         });
         let digest = sha2::Sha256::digest(content.to_string().as_bytes());
-        digest.iter().map(|byte| format!("{byte:02x}")).collect()
+        let hash = digest.iter().map(|byte| format!("{byte:02x}")).collect();
+        match options.sides {
+            Sides::Above => hash,
+            Sides::Both => hash + "-both-sides",
+        }
     }
 }

@@ -204,10 +204,10 @@ impl Sampling {
 
     /// Arithmetic that the walk uses, `f32` or `f64`.
     #[must_use]
-    pub fn precision(&self) -> &'static str {
+    pub fn precision(&self) -> lut_io::solver::Precision {
         match self.walkers[0].precision() {
-            Precision::F64 => "f64",
-            _ => "f32",
+            Precision::F64 => lut_io::solver::Precision::F64,
+            _ => lut_io::solver::Precision::F32,
         }
     }
 

@@ -1,30 +1,27 @@
 //! Light in single directions, and the second side: what [`crate::options::Sides::Both`] adds to a table, and the table of smooth interfaces.
 
 use super::Request;
-use super::assemble::{Incidence, push_row, settings, summary, symmetrise, table as assembled};
+use super::assemble::{Incidence, SecondSide, Solved, push_row, solved, summary, symmetrise};
 use super::cells::CellRule;
 use super::halfway;
 use crate::tally::{CellShares, Cells};
 use lut_io::axis::ExitAxis;
 use lut_io::both_sides::{BothSides, FromBelow, Passage, PerPassage};
-use lut_io::table::{Lobe, Solver, SummaryErrors};
-use lut_io::{FieldError, Table, measure};
+use lut_io::measure;
+use lut_io::solver::{ClosedForm, SolverSettings};
+use lut_io::table::{Lobe, SummaryErrors};
 use rayon::prelude::*;
 use transport::Transport;
 use transport::doubling::{ErrorEstimate, Lobe as SolvedLobe, Solution};
 
-/// Adds the second side of a solution to its table.
-///
-/// # Errors
-/// The second side does not make a valid section.
-pub(super) fn add(
-    table: &mut Table,
+/// The second side of a solution.
+pub(super) fn of(
     request: &Request,
     transport: &Transport,
+    axis: &ExitAxis,
     solution: &Solution,
     below: &Solution,
-) -> Result<(), FieldError> {
-    let axis = table.meta.exit_axis;
+) -> SecondSide {
     let accuracy = |i: usize| {
         let percent = |errors: fn(&ErrorEstimate) -> &Vec<f64>, side: &Solution| {
             side.error.as_ref().map_or(0.0, |error| 100.0 * errors(error)[i])
@@ -36,7 +33,7 @@ pub(super) fn add(
         }
     };
     let rows = |passage: Passage, i: usize, specular: f64| {
-        let rule = CellRule::new(&axis, specular);
+        let rule = CellRule::new(axis, specular);
         let lobe = |side: &Solution, reflected: bool| {
             let basis = side.basis(&rule.angles, &rule.azimuths);
             if reflected {
@@ -51,22 +48,21 @@ pub(super) fn add(
             Passage::BelowTransmitted => lobe(below, false),
         })
     };
-    add_lobes(table, request, transport, [&solution.lobes, &below.lobes], &accuracy, &rows)
+    second_side(request, transport, axis, [&solution.lobes, &below.lobes], &accuracy, &rows)
 }
 
-/// Adds transmission and light from below to a table.
+/// Transmission and light from below.
 ///
 /// `lobes` are the totals from above and from below; `accuracy` and `rows` give the estimated errors and the shares of
 /// light by cell of one incidence and passage, whose smooth counterpart leaves at the angle that `rows` is told.
-fn add_lobes(
-    table: &mut Table,
+fn second_side(
     request: &Request,
     transport: &Transport,
+    axis: &ExitAxis,
     [above, below]: [&[SolvedLobe]; 2],
     accuracy: &dyn Fn(usize) -> PerPassage,
     rows: &(dyn Fn(Passage, usize, f64) -> Vec<f64> + Sync),
-) -> Result<(), FieldError> {
-    let axis = table.meta.exit_axis;
+) -> SecondSide {
     let n = &transport.indices;
     // Solutions may hold further angles behind those of the request.
     let below = &below[..request.options.incident_deg.len()];
@@ -95,7 +91,7 @@ fn add_lobes(
                     Passage::BelowTransmitted => below[i].transmitted,
                 };
                 let specular = section.specular(passage, below[i].theta_i);
-                passage_row(request, &axis, specular, light, rows(passage, i, specular))
+                passage_row(request, axis, specular, light, rows(passage, i, specular))
             })
             .collect();
         for ((_, width), below) in each.iter().zip(&mut section.from_below) {
@@ -108,13 +104,7 @@ fn add_lobes(
         }
         each.into_iter().flat_map(|(values, _)| values).collect()
     });
-    section.store(&mut table.meta)?;
-    // Not the table that the same request makes without its second side.
-    if let Some(serde_json::Value::String(hash)) = table.meta.extra.get_mut("content_hash") {
-        hash.push_str("-both-sides");
-    }
-    table.passages = Some(passages);
-    Ok(())
+    SecondSide { section, passages }
 }
 
 /// Stored values of one passage at one incidence, and the width of its azimuth postulate (degrees).
@@ -157,17 +147,14 @@ fn spread_deg(axis: &ExitAxis, specular: f64, share: &[f64]) -> f64 {
     mean_of(&|s| (s - mean).powi(2)).sqrt().to_degrees()
 }
 
-/// The table of smooth interfaces (σ = 0): all light in the cell of the mirror direction, without error.
-///
-/// # Errors
-/// As [`add`].
-pub(super) fn smooth_table(
+/// Smooth interfaces (σ = 0): all light in the cell of the mirror direction, without error.
+pub(super) fn smooth(
     request: &Request,
     transport: &Transport,
     axis: &ExitAxis,
     lobes: &[SolvedLobe],
     below: Option<&[SolvedLobe]>,
-) -> Result<Table, FieldError> {
+) -> (Solved, Option<SecondSide>) {
     let beam = |theta: f64, light: f64| {
         let direction = [libm::sin(theta) as f32, 0.0, libm::cos(theta) as f32];
         let (_, cell) = Cells::new(axis, theta).locate(direction);
@@ -188,13 +175,13 @@ pub(super) fn smooth_table(
             Incidence { summary, components, noise: 0.0 }
         })
         .collect();
-    let solver = (Solver::Doubling, settings([("closed_form", "smooth interfaces".into())]));
-    let mut table =
-        assembled(request, transport, axis, solver, incidences, |rows| halfway::estimated(axis, rows));
-    if let Some(below) = below {
+    let settings =
+        |interpolation| SolverSettings::Smooth { closed_form: ClosedForm::SmoothInterfaces, interpolation };
+    let above = solved(request, transport, axis, settings, incidences, |rows| halfway::estimated(axis, rows));
+    let below = below.map(|below| {
         let exact = |_| PerPassage::default();
         let rows = |_, _, specular| beam(specular, 1.0); // the totals follow
-        add_lobes(&mut table, request, transport, [lobes, below], &exact, &rows)?;
-    }
-    Ok(table)
+        second_side(request, transport, axis, [lobes, below], &exact, &rows)
+    });
+    (above, below)
 }

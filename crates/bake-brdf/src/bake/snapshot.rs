@@ -245,8 +245,7 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
     }
     let idle = Observer::idle();
     sampling.resume(state, &idle)?;
-    let table = assemble::walk_tables(&request, &bands, &sampling)?;
-    super::coloured(&request, table, &request.colours()?)
+    assemble::walk_table(&request, &bands, &sampling, &request.colours()?)
 }
 
 /// Walks one shard of a bake and gives its snapshot.

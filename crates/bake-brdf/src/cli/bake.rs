@@ -9,7 +9,8 @@ use bake_brdf::bake::sampling::Shard;
 use bake_brdf::bake::snapshot::{self, MOST_SHARDS};
 use bake_brdf::bake::{self, BakeError, Bands, Observer, Request};
 use bake_brdf::options::{Options, Sides, SolverChoice};
-use lut_io::table::{Solver, Table};
+use lut_io::Table;
+use lut_io::solver::Solver;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -240,20 +241,20 @@ fn report(table: &Table, output: &Path, seconds: f64) -> serde_json::Value {
         "schema": "bake-report/1",
         "output": output.display().to_string(),
         "seconds": seconds,
-        "seed": table.meta.seed,
-        "solver": table.meta.solver,
-        "solver_settings": table.meta.solver_settings,
-        "accuracy": table.meta.accuracy,
-        "effects": table.meta.effects,
-        "paths": table.meta.per_incidence.iter().map(|incidence| incidence.paths).sum::<u64>(),
-        "per_incidence": table.meta.per_incidence,
+        "seed": table.meta().seed,
+        "solver": table.meta().solver,
+        "solver_settings": table.meta().solver_settings,
+        "accuracy": table.meta().accuracy,
+        "effects": table.meta().effects,
+        "paths": table.meta().per_incidence.iter().map(|incidence| incidence.paths).sum::<u64>(),
+        "per_incidence": table.meta().per_incidence,
     })
 }
 
 /// A readable summary: a handful of incidences, the accuracy reached.
 fn summary(table: &Table, output: &Path, seconds: f64) -> String {
-    let meta = &table.meta;
-    let name = meta.recipe.get("name").and_then(|name| name.as_str()).unwrap_or_default();
+    let meta = table.meta();
+    let name = meta.recipe_name().unwrap_or_default();
     let paths: u64 = meta.per_incidence.iter().map(|incidence| incidence.paths).sum();
     let how = match meta.solver {
         Solver::Walk => format!("{:.2e} paths", paths as f64),

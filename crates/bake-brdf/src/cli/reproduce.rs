@@ -2,7 +2,7 @@
 
 use super::progress::{seconds_text, watched};
 use bake_brdf::bake::reproduce::{self, Difference};
-use lut_io::table::Solver;
+use lut_io::solver::Solver;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -19,14 +19,14 @@ pub(super) fn run(path: &Path, manners: &Manners) -> Outcome {
         true => Stop::bad_input(why),
         false => Stop::failure(why),
     })?;
-    reproduce::request(&stored.meta).map_err(|why| Stop::bad_input(format!("{file}: {why}")))?;
-    if stored.meta.solver == Solver::Walk {
+    reproduce::request(stored.meta()).map_err(|why| Stop::bad_input(format!("{file}: {why}")))?;
+    if stored.meta().solver == Solver::Walk {
         terminal::interruption()?;
     }
     let pool = manners.pool()?;
     let started = Instant::now();
     let again =
-        pool.install(|| watched(manners, None, |observer| reproduce::bake_again(&stored.meta, observer)))?;
+        pool.install(|| watched(manners, None, |observer| reproduce::bake_again(stored.meta(), observer)))?;
     let seconds = started.elapsed().as_secs_f64();
     let differences = reproduce::differences(&stored, &again);
     // The same table in another encoding (saved again by another program) is no other bake, but worth a word.
@@ -39,11 +39,11 @@ pub(super) fn run(path: &Path, manners: &Manners) -> Outcome {
             "identical": differences.is_empty(),
             "same_bytes": same_bytes,
             "seconds": seconds,
-            "writer": { "stored": stored.meta.writer, "again": again.meta.writer },
+            "writer": { "stored": stored.meta().writer, "again": again.meta().writer },
             "differences": differences,
         }))?;
     } else {
-        terminal::print(&text(&differences, same_bytes, stored.meta.per_incidence.len(), seconds))?;
+        terminal::print(&text(&differences, same_bytes, stored.meta().per_incidence.len(), seconds))?;
     }
     match differences.first() {
         None => Ok(()),

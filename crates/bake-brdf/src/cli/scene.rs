@@ -106,8 +106,7 @@ fn bake(table: &PlannedTable, folder: &Path, name: String, manners: &Manners) ->
 
 /// The content hash of a whole and valid table.
 fn stored_hash(path: &Path) -> Option<String> {
-    let table = lut_io::exr_file::read(path).ok()?;
-    Some(table.meta.extra.get("content_hash")?.as_str()?.to_owned())
+    lut_io::exr_file::read(path).ok()?.into_parts().meta.content_hash
 }
 
 fn write_copy(scene: &Scene, plan: &Plan, tables: &[Done], copy: &Path, folder: &Path) -> Outcome {

@@ -161,7 +161,7 @@ impl Shown {
 /// The pearl's controls, those of effects left out at 0.
 fn controls(view: &View, effects: EffectSet, table: &Table) -> Controls {
     let has = |effect| if effects.contains(effect) { 1.0 } else { 0.0 };
-    let recipe = Controls::of(&table.meta);
+    let recipe = Controls::of(table.meta());
     let shown = view.shown.value;
     Controls {
         depth: view.depth.value * has(Effect::Emission),

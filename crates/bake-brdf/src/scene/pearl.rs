@@ -135,7 +135,7 @@ fn find_recipe(
     if let Some(path) = table {
         let refuse =
             |problem: String| files.refuse(element, format!("pearl: table {}: {problem}", path.display()));
-        let meta = lut_io::exr_file::read(path).map_err(|error| refuse(error.to_string()))?.meta;
+        let meta = lut_io::exr_file::read(path).map_err(|error| refuse(error.to_string()))?.into_parts().meta;
         let recipe =
             Recipe::from_json(&meta.recipe.to_string()).map_err(|error| refuse(error.to_string()))?;
         return Ok(Setting::new(recipe, path.display().to_string()));

@@ -62,10 +62,10 @@ fn honest(found: &Honesty) -> bool {
 
 /// What the table was made of and by, and the command that makes it again.
 fn provenance(table: &Table, file: &Path) -> Value {
-    let meta = &table.meta;
+    let meta = table.meta();
     json!({
         "writer": meta.writer,
-        "recipe": meta.recipe.get("name"),
+        "recipe": meta.recipe_name(),
         "seed": meta.seed,
         "solver": meta.solver,
         "reproduce": format!("bake-brdf --reproduce {}", file.display()),
@@ -104,8 +104,8 @@ fn honesty_text(honesty: &[Honesty]) -> String {
 }
 
 fn provenance_text(table: &Table, file: &Path) -> String {
-    let meta = &table.meta;
-    let name = meta.recipe.get("name").and_then(Value::as_str).unwrap_or("without a name");
+    let meta = table.meta();
+    let name = meta.recipe_name().unwrap_or("without a name");
     format!(
         "info    {:<17} {}, recipe {name}, seed {}: the same bits? bake-brdf --reproduce {}\n",
         "provenance",

@@ -64,7 +64,7 @@ pub(crate) fn run(args: &ExportArgs, json: bool) -> Outcome {
     let path = &args.file.file;
     let table = read(path)?;
     crate::check_output(path, &args.output)?;
-    let name = table.meta.recipe.get("name").and_then(|name| name.as_str()).unwrap_or("pearl").to_owned();
+    let name = table.meta().recipe_name().unwrap_or("pearl").to_owned();
     let bad = |error| Stop::bad_input(format!("{}: {error}", path.display()));
     let prepared = Arc::new(Prepared::new(table).map_err(bad)?);
     let look = prepared.look();

@@ -1,10 +1,9 @@
 //! `lut fit`: a table in compact form, with what that costs in accuracy.
 
 use crate::FileArg;
-use lut_io::compact::analytic::{self, MAX_ORDER};
-use lut_io::compact::{self, Compact, DeltaE, Form, Loss, packing, thin};
+use lut_io::compact::{Compact, DeltaE, Form, Loss, MAX_ORDER};
 use lut_io::lobe::Interpolant;
-use lut_io::{FieldError, Table, diff, exr_file};
+use lut_io::{FieldError, Table, diff, exr_file, fit};
 use nacre_cli::preview::{Lighting, Quality, SUM, Shape, render, tone};
 use pearl_bsdf::{Controls, PearlBsdf};
 use serde_json::json;
@@ -15,9 +14,6 @@ use terminal::{Outcome, Stop};
 const DEFAULT_TOTAL_VARIATION_PERCENT: f64 = 0.3;
 /// Order of the analytic distribution unless asked otherwise: 16 coefficients in decay tables, 72 in space tables.
 const DEFAULT_ORDER: u16 = 15;
-/// Significant digits of the interference colours: what a form saves elsewhere must not be spent on digits.
-const ANALYTIC_BAND_DIGITS: usize = 3;
-const TABLE_BAND_DIGITS: usize = 4;
 /// The pictures that colours are compared on.
 const PREVIEW: Quality = Quality { size: 128, samples: 32, seed: 1 };
 
@@ -66,27 +62,25 @@ pub(crate) fn run(args: &FitArgs, json: bool) -> Outcome {
     let source_bytes = std::fs::metadata(path)
         .map_err(|why| Stop::failure(format!("{}: cannot read the file: {why}", path.display())))?
         .len();
-    let mut compact = match args.form {
+    let compact = match args.form {
         FormArg::Analytic => {
-            let terms = analytic::terms(&lobe.table().meta.exit_axis, args.order.unwrap_or(DEFAULT_ORDER));
-            compact::fitted(lobe.table(), terms, source_bytes).map_err(invalid)?
+            let terms = fit::terms(&lobe.table().meta().exit_axis, args.order.unwrap_or(DEFAULT_ORDER));
+            fit::fitted(lobe.table(), terms, source_bytes).map_err(invalid)?
         }
         FormArg::Table => {
             let thin = if permitted > 0.0 {
-                thin::thinned(&lobe, permitted).map_err(invalid)?
+                fit::thinned(&lobe, permitted).map_err(invalid)?
             } else {
                 lobe.table().clone()
             };
-            compact::halved(&thin, source_bytes).map_err(invalid)?
+            fit::halved(&thin, source_bytes).map_err(invalid)?
         }
     };
-    let digits = if args.form == FormArg::Analytic { ANALYTIC_BAND_DIGITS } else { TABLE_BAND_DIGITS };
-    packing::round(&mut compact.meta, digits).map_err(invalid)?;
-    let lost = state_loss(&mut compact, &lobe, path)?;
+    let compact = with_loss(compact, &lobe, path)?;
     let bytes = exr_file::encode_compact(&compact).map_err(invalid)?;
     nacre_cli::write_file(&args.output, &bytes)?;
-    let uniform = (args.form == FormArg::Table).then(|| uniform(&lobe, &compact.meta));
-    let report = Report { compact: &compact, source_bytes, bytes: bytes.len() as u64, lost, uniform };
+    let uniform = (args.form == FormArg::Table).then(|| uniform(&lobe, compact.meta())).transpose();
+    let report = Report { compact: &compact, bytes: bytes.len() as u64, uniform: uniform.map_err(invalid)? };
     if json { terminal::print_json(&report.json(args)) } else { terminal::print(&report.text(args)) }
 }
 
@@ -105,34 +99,19 @@ fn permitted(args: &FitArgs) -> Result<f64, Stop> {
     Err(Stop::bad_input(format!("--total-variation: {percent} is not a share; expected 0 to 100 per cent")))
 }
 
-/// Measures what the compact form lost, as it is read back from its bytes, and writes it into its metadata.
-fn state_loss(compact: &mut Compact, lobe: &Interpolant, path: &Path) -> Result<Loss, Stop> {
+/// Measures what the compact form lost, as it is read back from its bytes, and states it.
+fn with_loss(compact: Compact, lobe: &Interpolant, path: &Path) -> Result<Compact, Stop> {
     let invalid = |error: FieldError| Stop::bad_input(format!("{}: {error}", path.display()));
     let decoded =
-        exr_file::encode_compact(compact).and_then(|bytes| exr_file::decode(&bytes)).map_err(invalid)?;
+        exr_file::encode_compact(&compact).and_then(|bytes| exr_file::decode(&bytes)).map_err(invalid)?;
     let read_back = Interpolant::new(decoded);
-    let difference = diff::diff(lobe, &read_back);
-    let errors = difference.per_incidence.iter().map(|at| at.total_variation_percent);
-    let lost = Loss {
-        total_variation_percent: difference.worst_total_variation_percent,
-        mean_total_variation_percent: errors.sum::<f64>() / difference.per_incidence.len() as f64,
-        delta_e_2000: preview_difference(lobe.table(), read_back.table(), path)?,
-    };
-    // What a reader is told of the table's accuracy includes the fit.
-    for at in &mut compact.meta.per_incidence {
-        let own = difference.per_incidence.iter().find(|other| other.theta_i_deg == at.theta_i_deg);
-        at.accuracy_percent += own.map_or(0.0, |own| own.total_variation_percent);
-    }
-    compact.meta.accuracy.reached_percent += lost.total_variation_percent;
-    let mut section = compact.section().map_err(invalid)?;
-    section.error = lost;
-    section.store(&mut compact.meta).map_err(invalid)?;
-    Ok(lost)
+    let delta_e_2000 = preview_difference(lobe.table(), read_back.table(), path)?;
+    fit::with_loss(compact, &diff::diff(lobe, &read_back), delta_e_2000).map_err(invalid)
 }
 
 /// ΔE00 over the pearl's pixels of all four pictures of `pearl preview`, with the look of the recipe.
 fn preview_difference(table: &Table, compact: &Table, path: &Path) -> Result<Option<DeltaE>, Stop> {
-    let controls = Controls::of(&table.meta);
+    let controls = Controls::of(table.meta());
     let bsdf = |table: &Table| {
         PearlBsdf::from_table(table.clone(), controls)
             .map_err(|error| Stop::bad_input(format!("{}: {error}", path.display())))
@@ -150,33 +129,31 @@ fn preview_difference(table: &Table, compact: &Table, path: &Path) -> Result<Opt
 }
 
 /// Total variation of a table of as many incidences and cells, but evenly spaced: what choosing them is worth.
-fn uniform(lobe: &Interpolant, meta: &lut_io::table::Meta) -> f64 {
-    let (kept, all) = (meta.per_incidence.len(), lobe.table().meta.per_incidence.len());
+fn uniform(lobe: &Interpolant, meta: &lut_io::table::Meta) -> Result<f64, FieldError> {
+    let (kept, all) = (meta.per_incidence.len(), lobe.table().meta().per_incidence.len());
     let even = |k: usize| (k * (all - 1) + (kept - 1) / 2) / (kept - 1).max(1);
     let incidences: Vec<usize> = (0..kept).map(even).collect();
-    let thin = Interpolant::new(thin::resampled(lobe, &meta.exit_axis, &incidences));
-    diff::diff(lobe, &thin).worst_total_variation_percent
+    let thin = Interpolant::new(fit::resampled(lobe, &meta.exit_axis, &incidences)?);
+    Ok(diff::diff(lobe, &thin).worst_total_variation_percent)
 }
 
 /// What is said of a compact file.
 struct Report<'a> {
     compact: &'a Compact,
-    source_bytes: u64,
     bytes: u64,
-    lost: Loss,
     uniform: Option<f64>,
 }
 
 impl Report<'_> {
     fn ratio(&self) -> f64 {
-        self.source_bytes as f64 / self.bytes as f64
+        self.compact.section().source_bytes as f64 / self.bytes as f64
     }
 
     fn size(&self) -> (usize, usize) {
-        let meta = &self.compact.meta;
-        match self.compact.section().map(|section| section.form) {
-            Ok(Form::Analytic { terms }) => (meta.per_incidence.len(), terms.len()),
-            _ => (meta.per_incidence.len(), meta.exit_axis.cells()),
+        let meta = self.compact.meta();
+        match &self.compact.section().form {
+            Form::Analytic { terms } => (meta.per_incidence.len(), terms.len()),
+            Form::Half { .. } => (meta.per_incidence.len(), meta.exit_axis.cells()),
         }
     }
 
@@ -187,10 +164,10 @@ impl Report<'_> {
             "form": if args.form == FormArg::Analytic { "analytic" } else { "table" },
             "output": args.output.display().to_string(),
             "bytes": self.bytes,
-            "source_bytes": self.source_bytes,
+            "source_bytes": self.compact.section().source_bytes,
             "ratio": self.ratio(),
             "incidences": incidences,
-            "error": self.lost,
+            "error": self.compact.section().error,
         });
         let of_incidence =
             if args.form == FormArg::Analytic { "coefficients_per_incidence" } else { "cells_per_incidence" };
@@ -204,7 +181,8 @@ impl Report<'_> {
     fn text(&self, args: &FitArgs) -> String {
         let (incidences, numbers) = self.size();
         let what = if args.form == FormArg::Analytic { "coefficients" } else { "cells" };
-        let Loss { total_variation_percent, mean_total_variation_percent, delta_e_2000 } = self.lost;
+        let Loss { total_variation_percent, mean_total_variation_percent, delta_e_2000 } =
+            self.compact.section().error;
         let DeltaE { mean, percentile_99, largest } = delta_e_2000.unwrap_or_default();
         let mut text = format!(
             "written: {} ({:.1} kB, {:.1} times smaller): {incidences} incidences of {numbers} {what} a lobe\n\

@@ -14,7 +14,7 @@ pub(crate) struct InfoArgs {
 }
 
 pub(crate) fn run(args: &InfoArgs, json: bool) -> Outcome {
-    let meta = read(&args.file.file)?.meta;
+    let meta = read(&args.file.file)?.into_parts().meta;
     if json {
         return terminal::print_json(&object(&meta)?);
     }
@@ -41,7 +41,7 @@ fn grids(meta: &Meta) -> serde_json::Value {
 
 fn text(meta: &Meta) -> String {
     let mut text = String::new();
-    let name = meta.recipe.get("name").and_then(serde_json::Value::as_str).unwrap_or("(unnamed)");
+    let name = meta.recipe_name().unwrap_or("(unnamed)");
     // Writing to a String cannot fail.
     let mut line = |label: &str, value: String| {
         let _ = writeln!(text, "{label:<12} {value}");
@@ -58,8 +58,8 @@ fn text(meta: &Meta) -> String {
     for summary in &meta.per_incidence {
         text.push_str(&row(summary));
     }
-    if let Ok(Some(section)) = BothSides::of(meta) {
-        text.push_str(&from_below(&section));
+    if let Some(section) = &meta.both_sides {
+        text.push_str(&from_below(section));
     }
     text
 }

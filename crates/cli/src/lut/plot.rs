@@ -63,7 +63,7 @@ pub(crate) fn run(args: &PlotArgs, manners: &Manners) -> Outcome {
 
 /// The angle asked for if the table covers it, else the nearest that it covers.
 fn nearest_known(lobe: &Interpolant, theta_i_deg: f64) -> f64 {
-    let per_incidence = &lobe.table().meta.per_incidence;
+    let per_incidence = &lobe.table().meta().per_incidence;
     theta_i_deg.clamp(per_incidence[0].theta_i_deg, per_incidence[per_incidence.len() - 1].theta_i_deg)
 }
 

@@ -1,9 +1,11 @@
 //! `lut slice`
 
 use crate::{FileArg, read_lobe};
-use lut_io::both_sides::{self, Passage};
+use lut_io::both_sides::Passage;
 use lut_io::slice::{self, ComponentSlice, Slice};
+use lut_io::{FieldError, passage};
 use std::fmt::Write as _;
+use std::path::Path;
 use terminal::{Outcome, Stop};
 
 #[derive(clap::Args, Debug)]
@@ -53,8 +55,8 @@ pub(crate) fn run(args: &SliceArgs, json: bool) -> Outcome {
 
 fn passage(args: &SliceArgs, passage: Passage, json: bool) -> Outcome {
     let table = crate::read(&args.file.file)?;
-    let slice = both_sides::slice(&table, passage, args.theta_i, args.phi)
-        .map_err(|error| Stop::bad_input(format!("{}: {error}", args.file.file.display())))?;
+    let slice = passage::slice(&table, passage, args.theta_i, args.phi)
+        .map_err(|error| refused(error, &args.file.file))?;
     let columns =
         [("theta_o_deg".to_owned(), slice.theta_o_deg.as_slice()), (passage.name().to_owned(), &slice.value)];
     if json {
@@ -73,10 +75,19 @@ fn passage(args: &SliceArgs, passage: Passage, json: bool) -> Outcome {
     terminal::print(&csv(&columns))
 }
 
+/// What the library says of a field, said of its flag.
+fn refused(FieldError { field, problem }: FieldError, file: &Path) -> Stop {
+    let field = match field.as_str() {
+        "theta_i_deg" => "--theta-i",
+        "phi_deg" => "--phi",
+        other => other,
+    };
+    Stop::bad_input(format!("{}: {field}: {problem}", file.display()))
+}
+
 fn reflected(args: &SliceArgs, json: bool) -> Outcome {
     let lobe = read_lobe(&args.file.file)?;
-    slice::check_angles(&lobe, args.theta_i, args.phi)
-        .map_err(|error| Stop::bad_input(format!("{}: {error}", args.file.file.display())))?;
+    slice::check_angles(&lobe, args.theta_i, args.phi).map_err(|error| refused(error, &args.file.file))?;
     let slice = Slice::new(&lobe, args.theta_i, args.phi);
     if json {
         return terminal::print_json(&object(&slice));

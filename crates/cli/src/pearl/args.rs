@@ -147,7 +147,7 @@ impl Pearl {
     /// The same with the controls changed last.
     pub(crate) fn bsdf_with(&self, change: impl FnOnce(&mut Controls)) -> Result<PearlBsdf, Stop> {
         let table = nacre_cli::read_table(&self.table)?;
-        let mut controls = Controls::of(&table.meta);
+        let mut controls = Controls::of(table.meta());
         controls.depth = self.depth.unwrap_or(controls.depth);
         controls.brightness = self.brightness.unwrap_or(controls.brightness);
         controls.coherence = self.coherence.unwrap_or(controls.coherence);

@@ -12,7 +12,7 @@ use crate::numerics::angles::{Polar, greatest, least};
 use crate::numerics::normal::{of_upper_tail, upper_tail};
 use crate::numerics::quadrature::gauss_legendre;
 use crate::numerics::single::exp;
-use lut_io::table::SurfaceModel;
+use lut_io::table::{Normals, SurfaceModel};
 use std::f64::consts::TAU;
 
 /// Narrowest facets that are evaluated, radians: a renderer cannot meet a delta lobe by evaluation.
@@ -124,7 +124,7 @@ impl Facets {
             peak: 1.0 / (TAU * sigma * sigma),
             index_ratio: (model.n_first / model.n_ambient) as f32,
             inverse_ratio2: (model.n_ambient / model.n_first).powi(2) as f32,
-            visible: model.normals == "visible",
+            visible: model.normals == Normals::Visible,
         }
     }
 

@@ -8,7 +8,7 @@ use crate::numerics::curve::{self, Curve, NODES, Place, STEPS};
 use crate::numerics::quadrature::Spline;
 use lut_io::lobe::Interpolant;
 use lut_io::monotone::Monotone;
-use lut_io::reciprocal;
+use lut_io::reciprocal::Reciprocal;
 use lut_io::spectra::Spectra;
 use lut_io::table::Component;
 use rayon::prelude::*;
@@ -112,7 +112,7 @@ pub(super) struct Means {
 impl Means {
     pub(super) fn new(
         lobe: &Interpolant,
-        light: Option<&reciprocal::Section>,
+        light: Option<&Reciprocal>,
         lobes: &Lobes,
         facets: &Facets,
         mirror: &Curve,

@@ -7,7 +7,6 @@ use crate::numerics::warp::Warp;
 use lut_io::axis::ExitAxis;
 use lut_io::decay;
 use lut_io::lobe::Interpolant;
-use lut_io::reciprocal;
 use lut_io::table::{Component, Table};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -21,7 +20,7 @@ const INSIDE: f64 = 1e-6;
 impl Lobes {
     pub(crate) fn new(lobe: &Interpolant) -> Self {
         let table = lobe.table();
-        let axis = table.meta.exit_axis;
+        let axis = table.meta().exit_axis;
         let cells = cells(table);
         let distributions = [0, 1].map(|lobe| Distribution::new(&axis, &cells, lobe));
         let spans = spans(table);
@@ -35,7 +34,7 @@ impl Lobes {
             |cells: &[Values]| [0, 1].map(|lobe| cells.iter().map(|v| sum(v, lobe)).sum::<f64>() as f32);
         let mut this = Self {
             axis,
-            reciprocal: reciprocal::is_reciprocal(&table.meta),
+            reciprocal: table.meta().reciprocal.is_some(),
             guide: (0..=GUIDES).map(at_or_before).collect(),
             starts: spans.iter().map(|span| span.from).chain([f64::INFINITY]).collect(),
             span_steps: span_steps(&spans, axis.width()),
@@ -108,14 +107,16 @@ fn span_steps(spans: &[Span], width: f64) -> usize {
 
 /// Values and sampling densities of every cell.
 fn cells(table: &Table) -> Vec<Values> {
-    let axis = &table.meta.exit_axis;
-    let mut cells = Vec::with_capacity(table.interior.value.len());
-    for (i, summary) in table.meta.per_incidence.iter().enumerate() {
+    let axis = &table.meta().exit_axis;
+    let [interiors, rehits] =
+        [Component::Interior, Component::Rehit].map(|component| &table.lobe(component).value);
+    let mut cells = Vec::with_capacity(interiors.len());
+    for (i, summary) in table.meta().per_incidence.iter().enumerate() {
         let theta_i = summary.theta_i_deg.to_radians();
         let measure = measures(axis, theta_i, summary.azimuth_width_deg.to_radians());
         let of_incidence = i * axis.cells()..(i + 1) * axis.cells();
         cells.extend(of_incidence.zip(measure).map(|(k, measure)| {
-            let (interior, rehit) = (table.interior.value[k], table.rehit.value[k]);
+            let (interior, rehit) = (interiors[k], rehits[k]);
             let density = |value: f32| (f64::from(value) * measure) as f32;
             [interior, rehit, density(interior), density(rehit)]
         }));
@@ -126,7 +127,7 @@ fn cells(table: &Table) -> Vec<Values> {
 /// The spans of a table.
 fn spans(table: &Table) -> Vec<Span> {
     let theta = table.theta_i();
-    let width = |node: usize| table.meta.per_incidence[node].azimuth_width_deg.to_radians();
+    let width = |node: usize| table.meta().per_incidence[node].azimuth_width_deg.to_radians();
     let span = |from: f64, to: f64, node: usize, next: usize| Span {
         from,
         inverse: 1.0 / (to - from),

@@ -14,10 +14,7 @@ use crate::lobes::Lobes;
 use crate::numerics::curve::{self, Curve};
 pub use arrays::Array;
 use channels::{Channels, Coloured, Kind, Light, Means};
-use lut_io::dispersion::Dispersion;
 use lut_io::lobe::Interpolant;
-use lut_io::reciprocal;
-use lut_io::spectra::Spectra;
 use lut_io::table::Table;
 use std::sync::Arc;
 
@@ -57,29 +54,26 @@ impl Prepared {
     /// Prepares a table; takes tens of milliseconds a band (space tables more).
     ///
     /// # Errors
-    /// [`BsdfError::Table`] if the table is not valid.
+    /// [`BsdfError::Table`] if a further band is not valid.
     pub fn new(table: impl Into<Arc<Table>>) -> Result<Self, BsdfError> {
         let table = table.into();
-        table.validate()?;
-        let look = Controls::of(&table.meta);
-        let (rgb_weights, further) = match Dispersion::of(&table.meta)? {
-            Some(section) => (section.rgb_weights, table.further_bands()?),
-            None => (vec![[1.0; 3]], Vec::new()),
-        };
-        let spectra = Spectra::of(&table.meta)?;
-        let [rgb, spectral] = [Kind::Rgb, Kind::Spectral]
-            .map(|kind| Channels::new(kind, spectra.as_ref(), table.meta.wavelength_nm));
-        let reason = |effect: &str| {
-            let missing = table.meta.extra.get("spectra_missing");
-            missing.and_then(|missing| missing[effect].as_str()).unwrap_or_default().to_owned()
-        };
-        let has_coherent = spectra.as_ref().is_some_and(|spectra| spectra.coherent.is_some());
-        let has_emission = spectra.as_ref().is_some_and(|spectra| spectra.emission.is_some());
-        let missing = [("coherent", has_coherent), ("emission", has_emission)]
-            .into_iter()
-            .filter(|(_, has)| !has)
-            .map(|(effect, _)| (effect, reason(effect)))
-            .collect();
+        let meta = table.meta();
+        let look = Controls::of(meta);
+        let rgb_weights =
+            meta.dispersion.as_ref().map_or(vec![[1.0; 3]], |section| section.rgb_weights.clone());
+        let further = table.further_bands()?;
+        let spectra = meta.spectra.as_ref();
+        let [rgb, spectral] =
+            [Kind::Rgb, Kind::Spectral].map(|kind| Channels::new(kind, spectra, meta.wavelength_nm));
+        let reasons = meta.spectra_missing.clone().unwrap_or_default();
+        let has_coherent = spectra.is_some_and(|spectra| spectra.coherent.is_some());
+        let has_emission = spectra.is_some_and(|spectra| spectra.emission.is_some());
+        let missing =
+            [("coherent", has_coherent, reasons.coherent), ("emission", has_emission, reasons.emission)]
+                .into_iter()
+                .filter(|(_, has, _)| !has)
+                .map(|(effect, _, reason)| (effect, reason.unwrap_or_default()))
+                .collect();
         let mut bands = vec![Band::new(table, spectral.count())?];
         for table in further {
             bands.push(Band::new(table.into(), spectral.count())?);
@@ -138,11 +132,10 @@ impl Prepared {
 impl Band {
     /// Of a table's own wavelength; so many channels has a table without interference colours.
     fn new(table: Arc<Table>, channels: usize) -> Result<Self, BsdfError> {
-        let spectra = Spectra::of(&table.meta)?;
-        let light = reciprocal::section(&table.meta)?;
-        let facets = Facets::new(&table.meta.surface_model);
-        let wavelength_nm = table.meta.wavelength_nm;
         let lobe = Interpolant::new(table);
+        let meta = lobe.table().meta();
+        let (spectra, wavelength_nm) = (meta.spectra.as_ref(), meta.wavelength_nm);
+        let facets = Facets::new(&meta.surface_model);
         let lobes = Lobes::new(&lobe);
         let rules = Rules::new();
         let mirror = if lobes.reciprocal {
@@ -150,10 +143,10 @@ impl Band {
         } else {
             mirror::scale(&lobe, &facets, &rules)
         };
-        let means = Means::new(&lobe, light.as_ref(), &lobes, &facets, &mirror);
+        let means = Means::new(&lobe, meta.reciprocal.as_ref(), &lobes, &facets, &mirror);
         let plain = means.plain();
-        let rgb = means.coloured(Kind::Rgb, spectra.as_ref(), &plain, 3);
-        let spectral = means.coloured(Kind::Spectral, spectra.as_ref(), &plain, channels);
+        let rgb = means.coloured(Kind::Rgb, spectra, &plain, 3);
+        let spectral = means.coloured(Kind::Spectral, spectra, &plain, channels);
         Ok(Self { wavelength_nm, lobes, facets, mirror, plain, rgb, spectral })
     }
 }

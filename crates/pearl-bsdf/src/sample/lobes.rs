@@ -149,15 +149,16 @@ fn split(u: f64, first: f64, a: usize, b: usize) -> (usize, f64) {
 mod tests {
     use super::*;
     use crate::numerics::angles::Polar;
-    use crate::specimen;
     use lut_io::lobe::Interpolant;
+    use lut_io::table::Component;
 
     #[test]
     fn a_lobe_without_light_has_no_exits() {
         let incidences: Vec<f64> = (0..=18).map(|i| 5.0 * f64::from(i)).collect();
-        for mut table in [specimen::plane(&incidences, 48), specimen::space(&incidences, 32, 24)] {
-            table.rehit.value.fill(0.0);
-            let lobes = Lobes::new(&Interpolant::new(table));
+        for table in [specimen::plane(&incidences, 48), specimen::space(&incidences, 32, 24)] {
+            let dark =
+                specimen::changed(&table, |parts| parts.lobes[Component::Rehit as usize].value.fill(0.0));
+            let lobes = Lobes::new(&Interpolant::new(dark));
             for k in 0..1000 {
                 let [select, u, v] = [0.618, 0.755, 0.570].map(|step| (f64::from(k) * step).fract());
                 let incidence = lobes.incidence(&Polar::at(FRAC_PI_2 * (f64::from(k) + 0.5) / 1000.0));

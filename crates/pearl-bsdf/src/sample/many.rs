@@ -249,8 +249,8 @@ fn positions([base, a, b, rest]: &[Lane; 4]) -> Lane {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Controls;
     use crate::eval::many::{Densities, Evaluated};
-    use crate::{Controls, specimen};
     use pulp::Scalar;
     use rand::rngs::StdRng;
     use rand::{RngExt as _, SeedableRng as _};

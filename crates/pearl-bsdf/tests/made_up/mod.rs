@@ -1,9 +1,9 @@
 //! What the tests add to made-up tables, and what they ask of them.
 #![allow(dead_code)] // each test program uses a part
 
-use lut_io::dispersion::Dispersion;
+use lut_io::dispersion::{Band, Dispersion};
 use lut_io::spectra::{Coherent, Emission, Spectra};
-use lut_io::table::Table;
+use lut_io::table::{Component, Table};
 use pearl_bsdf::{Components, Controls, Direction};
 use rand::RngExt as _;
 use rand::rngs::StdRng;
@@ -14,7 +14,7 @@ pub(crate) fn with_spectra(table: Table) -> Table {
 }
 
 /// The same with waves of another pitch, radians a degree.
-pub(crate) fn with_waves(mut table: Table, pitch: f64) -> Table {
+pub(crate) fn with_waves(table: Table, pitch: f64) -> Table {
     let theta_deg: Vec<f64> = (0..=30).map(|i| 3.0 * f64::from(i)).collect();
     let wavelength_nm: Vec<f64> = (0..7).map(|i| 400.0 + 50.0 * f64::from(i)).collect();
     let wave = |theta: f64, k: f64| (pitch * theta + 2.1 * k).sin();
@@ -37,32 +37,45 @@ pub(crate) fn with_waves(mut table: Table, pitch: f64) -> Table {
     let radiance = (rows(&emission), rgb(&emission));
     let emission = Emission { radiance: radiance.0, radiance_rgb: radiance.1, theta_deg };
     let spectra = Spectra { wavelength_nm, coherent: Some(coherent), emission: Some(emission) };
-    spectra.store(&mut table.meta).unwrap();
-    table
+    specimen::changed(&table, |parts| parts.meta.spectra = Some(spectra.rounded()))
 }
 
-/// A table at 550 nm with further lobes at 400 and 700 nm, whose interior is 1.2 and 0.7 times as bright.
-pub(crate) fn dispersed(mut table: Table) -> (Table, Vec<Table>) {
-    table.meta.wavelength_nm = 550.0;
+/// A table at 550 nm with further lobes at 400 and 700 nm, whose interior is 1.2 and 0.7 times as bright; and those bands.
+pub(crate) fn dispersed(table: Table) -> (Table, Vec<Table>) {
     let band = |nm: f64, factor: f32| {
-        let mut band = table.clone();
-        band.meta.wavelength_nm = nm;
-        band.interior.value.iter_mut().for_each(|value| *value *= factor);
-        for summary in &mut band.meta.per_incidence {
-            let interior = summary.albedo - summary.surface;
-            summary.albedo = summary.surface + f64::from(factor) * interior;
-            summary.transmitted = 1.0 - summary.albedo;
-        }
-        band
+        specimen::changed(&table, |parts| {
+            parts.meta.wavelength_nm = nm;
+            parts.lobes[0].value.iter_mut().for_each(|value| *value *= factor);
+            for summary in &mut parts.meta.per_incidence {
+                let interior = summary.albedo - summary.surface;
+                summary.albedo = summary.surface + f64::from(factor) * interior;
+                summary.transmitted = 1.0 - summary.albedo;
+            }
+        })
     };
     let bands = vec![band(400.0, 1.2), band(700.0, 0.7)];
-    let weights = vec![[0.3, 0.7, 0.4], [-0.1, 0.2, 0.7], [0.8, 0.1, -0.1]];
-    table.add_bands(bands.clone(), weights, 0.5).unwrap();
-    let mut section = Dispersion::of(&table.meta).unwrap().unwrap();
-    let incoherent = Spectra::of(&table.meta).unwrap().unwrap().coherent.unwrap().incoherent;
-    section.bands.iter_mut().for_each(|band| band.incoherent = Some(incoherent.clone()));
-    section.store(&mut table.meta).unwrap();
-    (table, bands)
+    let coherent = table.meta().spectra.as_ref().and_then(|spectra| spectra.coherent.as_ref());
+    let section = |band: &Table| {
+        let meta = band.meta().clone();
+        Band {
+            wavelength_nm: meta.wavelength_nm,
+            solver_settings: meta.solver_settings,
+            accuracy: meta.accuracy,
+            surface_model: meta.surface_model,
+            incoherent: coherent.map(|coherent| coherent.incoherent.clone()),
+            per_incidence: meta.per_incidence,
+        }
+    };
+    let whole = specimen::changed(&table, |parts| {
+        parts.meta.wavelength_nm = 550.0;
+        parts.meta.dispersion = Some(Dispersion {
+            interpolation_percent: 0.5,
+            rgb_weights: vec![[0.3, 0.7, 0.4], [-0.1, 0.2, 0.7], [0.8, 0.1, -0.1]],
+            bands: bands.iter().map(section).collect(),
+        });
+        parts.bands = bands.iter().map(|band| Component::ALL.map(|part| band.lobe(part).clone())).collect();
+    });
+    (whole, bands)
 }
 
 pub(crate) fn direction(theta: f64, phi: f64) -> Direction {

@@ -92,7 +92,7 @@ pub(super) fn many(lobe: &Interpolant) -> Scene {
 
 /// The paper's incidences as far as the table covers them; else the table's own, at most ten.
 fn incidences(lobe: &Interpolant) -> Vec<f64> {
-    let known: Vec<f64> = lobe.table().meta.per_incidence.iter().map(|s| s.theta_i_deg).collect();
+    let known: Vec<f64> = lobe.table().meta().per_incidence.iter().map(|s| s.theta_i_deg).collect();
     let range = known[0]..=known[known.len() - 1];
     let covered: Vec<f64> = INCIDENCES_DEG.into_iter().filter(|theta_i| range.contains(theta_i)).collect();
     if covered.len() > 1 {
@@ -103,7 +103,7 @@ fn incidences(lobe: &Interpolant) -> Vec<f64> {
 
 /// A profile as it is drawn: in per cent, at the resolution of a figure.
 fn profile(lobe: &Interpolant, theta_i_deg: f64) -> Profile {
-    let per_incidence = &lobe.table().meta.per_incidence;
+    let per_incidence = &lobe.table().meta().per_incidence;
     let nearest = per_incidence
         .iter()
         .min_by(|a, b| (a.theta_i_deg - theta_i_deg).abs().total_cmp(&(b.theta_i_deg - theta_i_deg).abs()));

@@ -1,0 +1,467 @@
+//! What must hold of a table, tried on the table itself.
+
+use crate::error::FieldError;
+use crate::model::axis::ExitAxis;
+use crate::model::measure;
+use crate::model::solver::Solver;
+use crate::model::table::{Component, Normals, Table};
+use crate::ops::diff;
+use crate::read::lobe::Interpolant;
+use serde::Serialize;
+use statrs::distribution::{ContinuousCDF as _, Normal};
+
+/// Largest |reflected + transmitted + absorbed + truncated − 1|.
+pub const ENERGY_TOLERANCE: f64 = 1e-12;
+/// Largest relative difference between a lobe's hemispherical integral and its albedo.
+pub const INTEGRAL_TOLERANCE: f64 = 1e-3;
+/// Largest difference between two azimuths at θi = 0, as a share of the peak: the bake makes them equal, what is
+/// left is the rounding of f32.
+pub const AZIMUTH_TOLERANCE: f64 = 1e-6;
+
+/// Largest relative difference of a stored error from the binomial one of its count: both are f32.
+pub const ERROR_BAR_TOLERANCE: f64 = 1e-5;
+/// Largest defect of reciprocity of visible normals in space: noise-free tables, read between cells, reach 2 %;
+/// unweighted ones 9 %.
+pub const RECIPROCITY_TOLERANCE: f64 = 0.05;
+/// Largest defect of a table that was made reciprocal: what reading in double precision leaves is far below.
+pub const RECIPROCAL_TABLE_TOLERANCE: f64 = 1e-5;
+/// Beyond this angle facets shadow each other, which no facet model here knows: reciprocity ends.
+const RECIPROCAL_BELOW_DEG: f64 = 80.0;
+/// Largest step of a cell off the cubic through its four neighbours, beyond six standard errors, as a share of the
+/// largest of the five (or a thousandth of the peak of all light). Noise-free lobes reach 0.13 in space at 90°, 0.03 elsewhere; a cell that is half again as high as it should be is past it.
+pub const SMOOTHNESS_TOLERANCE: f64 = 0.25;
+/// Smallest p of the variance of standardised differences that passes for honest: missed by chance once in 3,000.
+pub const HONESTY_SIGNIFICANCE: f64 = 3e-4;
+/// Fewest paths that two tables together need in a cell that enters the test of honesty.
+const FEWEST_TOGETHER: f32 = 50.0;
+
+/// One property tried at every incidence; `worst` is the largest departure found.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// Name of the property.
+    pub check: &'static str,
+    /// What was compared.
+    pub what: &'static str,
+    /// Whether the table has the property; `None` for what is measured for information only.
+    pub pass: Option<bool>,
+    /// Largest departure.
+    pub worst: f64,
+    /// Incidence where it was found, degrees.
+    pub worst_theta_i_deg: f64,
+    /// Largest departure that passes; `None` for information.
+    pub tolerance: Option<f64>,
+}
+
+/// Departures at several incidences, of which the largest counts.
+struct Worst {
+    departure: f64,
+    theta_i_deg: f64,
+}
+
+impl Worst {
+    const fn new() -> Self {
+        Self { departure: 0.0, theta_i_deg: 0.0 }
+    }
+
+    fn note(&mut self, departure: f64, theta_i_deg: f64) {
+        // A NaN is the worst of all, and stays.
+        if departure > self.departure || departure.is_nan() {
+            *self = Self { departure, theta_i_deg };
+        }
+    }
+
+    fn judged(self, check: &'static str, what: &'static str, tolerance: f64) -> Finding {
+        let pass = Some(self.departure <= tolerance);
+        Finding { pass, tolerance: Some(tolerance), ..self.told(check, what) }
+    }
+
+    fn told(self, check: &'static str, what: &'static str) -> Finding {
+        let (worst, worst_theta_i_deg) = (self.departure, self.theta_i_deg);
+        Finding { check, what, pass: None, worst, worst_theta_i_deg, tolerance: None }
+    }
+}
+
+/// Tries everything on a valid table.
+#[must_use]
+pub fn check(lobe: &Interpolant) -> Vec<Finding> {
+    let table = lobe.table();
+    let mut findings = vec![energy(table), ledger(table), positivity(table), integral_at_nodes(table)];
+    findings.push(integral_between_nodes(lobe));
+    findings.push(counts(table));
+    findings.extend(error_bars(table));
+    findings.push(smoothness(table));
+    findings.extend(azimuth_at_normal_incidence(table));
+    findings.push(reciprocity(lobe));
+    findings.push(roughness(table));
+    findings
+}
+
+fn energy(table: &Table) -> Finding {
+    let mut worst = Worst::new();
+    for s in &table.meta().per_incidence {
+        let sum = s.albedo + s.transmitted + s.absorbed + s.truncated;
+        worst.note((sum - 1.0).abs(), s.theta_i_deg);
+    }
+    worst.judged("energy", "|albedo + transmitted + absorbed + truncated - 1|", ENERGY_TOLERANCE)
+}
+
+fn ledger(table: &Table) -> Finding {
+    let mut worst = Worst::new();
+    for s in &table.meta().per_incidence {
+        worst.note((s.surface - s.albedo).max(s.rehit - s.surface).max(0.0), s.theta_i_deg);
+    }
+    worst.judged("ledger", "excess of rehit over surface, or of surface over albedo", ENERGY_TOLERANCE)
+}
+
+fn positivity(table: &Table) -> Finding {
+    let mut worst = Worst::new();
+    for (i, s) in table.meta().per_incidence.iter().enumerate() {
+        for component in Component::ALL {
+            let lobe = table.lobe(component);
+            for samples in [&lobe.value, &lobe.std_error, &lobe.count] {
+                for sample in table.at_incidence(samples, i) {
+                    worst.note(f64::from(-*sample), s.theta_i_deg);
+                }
+            }
+        }
+    }
+    worst.judged("positivity", "most negative value, standard error or count", 0.0)
+}
+
+fn integral_at_nodes(table: &Table) -> Finding {
+    let axis = &table.meta().exit_axis;
+    let mut worst = Worst::new();
+    for (i, s) in table.meta().per_incidence.iter().enumerate() {
+        let theta_i = s.theta_i_deg.to_radians();
+        let weights = measure::reading_weights(axis, theta_i, s.azimuth_width_deg.to_radians());
+        for component in Component::ALL {
+            let values = table.at_incidence(&table.lobe(component).value, i);
+            let integral: f64 = weights.iter().zip(values).map(|(w, v)| w * f64::from(*v)).sum();
+            worst.note(relative(integral, s.share(component), s.albedo), s.theta_i_deg);
+        }
+    }
+    worst.judged("integral", "hemispherical integral of a stored lobe against its albedo", INTEGRAL_TOLERANCE)
+}
+
+fn integral_between_nodes(lobe: &Interpolant) -> Finding {
+    let mut worst = Worst::new();
+    for pair in lobe.table().meta().per_incidence.windows(2) {
+        // Not a simple fraction: corrections are known at quarters, and must hold between them too.
+        let theta_deg = pair[0].theta_i_deg + 0.437 * (pair[1].theta_i_deg - pair[0].theta_i_deg);
+        let theta_i = theta_deg.to_radians();
+        let integrals = lobe.row(theta_i).integrals();
+        let [interior, surface, rehit] = Component::ALL.map(|component| lobe.albedo(component, theta_i));
+        for (integral, share) in integrals.into_iter().zip([interior, surface, rehit]) {
+            worst.note(relative(integral, share, interior + surface), theta_deg);
+        }
+    }
+    worst.judged(
+        "integral_between",
+        "the same between incidences, as read, against the interpolated albedo",
+        INTEGRAL_TOLERANCE,
+    )
+}
+
+/// |integral/share − 1|. A part below 1e-4 of the reflected light is measured against that: nobody sees it, and the
+/// truncated series of the doubling solver rings there.
+fn relative(integral: f64, share: f64, albedo: f64) -> f64 {
+    (integral - share).abs() / share.max(1e-4 * albedo).max(1e-12)
+}
+
+fn counts(table: &Table) -> Finding {
+    let mut worst = Worst::new();
+    for (i, s) in table.meta().per_incidence.iter().enumerate() {
+        let counted = |component| -> f64 {
+            table.at_incidence(&table.lobe(component).count, i).iter().map(|c| f64::from(*c)).sum()
+        };
+        let counted = counted(Component::Interior) + counted(Component::Surface);
+        worst.note((counted - s.paths as f64).max(0.0) / s.paths.max(1) as f64, s.theta_i_deg);
+    }
+    // f32 counts above 2^24 are rounded by 6e-8 each.
+    worst.judged("counts", "paths counted in cells beyond the paths walked, as a share", 1e-6)
+}
+
+fn azimuth_at_normal_incidence(table: &Table) -> Option<Finding> {
+    let at = table.meta().per_incidence.iter().position(|s| s.theta_i_deg == 0.0)?;
+    let mut worst = Worst::new();
+    for component in Component::ALL {
+        let values = table.at_incidence(&table.lobe(component).value, at);
+        let peak = values.iter().copied().fold(0.0, f32::max);
+        let against: Vec<f32> = match table.meta().exit_axis {
+            ExitAxis::Plane { .. } => values.iter().rev().copied().collect(),
+            ExitAxis::Space { theta_cells, .. } => {
+                values[..theta_cells].iter().copied().cycle().take(values.len()).collect()
+            }
+        };
+        for (value, other) in values.iter().zip(against) {
+            if peak > 0.0 {
+                worst.note(f64::from((value - other).abs()) / f64::from(peak), 0.0);
+            }
+        }
+    }
+    Some(worst.judged(
+        "azimuth",
+        "difference between azimuths at normal incidence, share of the peak",
+        AZIMUTH_TOLERANCE,
+    ))
+}
+
+/// Σ|f(a→b) − f(b→a)|·cos·cos / Σ(…) in the plane of incidence over pairs of the table's incidences, less what the
+/// stored errors explain. It must vanish for visible normals in space, away from grazing; unweighted facets are not
+/// reciprocal, nor is the azimuth postulate: there it is told, not judged.
+fn reciprocity(lobe: &Interpolant) -> Finding {
+    let table = lobe.table();
+    let made_so = table.meta().reciprocal.is_some();
+    let below = if made_so { 90.0 } else { RECIPROCAL_BELOW_DEG };
+    let angles: Vec<f64> =
+        table.theta_i().into_iter().filter(|theta| *theta < f64::to_radians(below)).collect();
+    let rows: Vec<_> = angles.iter().map(|&theta| lobe.row(theta)).collect();
+    let at = |i: usize, o: usize| {
+        let parts = [Component::Interior, Component::Surface];
+        let cos = angles[i].cos();
+        let value: f64 = parts.iter().map(|&part| rows[i].eval(part, angles[o], 0.0)).sum();
+        let variance: f64 = parts.iter().map(|&part| rows[i].std_error(part, angles[o], 0.0).powi(2)).sum();
+        (value * cos, variance * cos * cos)
+    };
+    let mut worst = Worst::new();
+    for (a, theta_i) in angles.iter().enumerate() {
+        let (mut difference, mut sum) = (0.0, 0.0);
+        for b in 0..angles.len() {
+            let ((forth, variance), (back, other)) = (at(a, b), at(b, a));
+            // E|x| of a normal deviate is √(2/π) standard deviations.
+            let noise = (std::f64::consts::FRAC_2_PI * (variance + other)).sqrt();
+            // Reading is the same both ways in a table that was made so, whatever its noise.
+            difference += (forth - back).abs() - if made_so { 0.0 } else { noise };
+            sum += forth + back;
+        }
+        if sum > 0.0 {
+            worst.note(difference.max(0.0) / sum, theta_i.to_degrees());
+        }
+    }
+    let what = "defect in the plane of incidence below 80°, beyond noise, share of the light";
+    if made_so {
+        let what = "defect in the plane of incidence, share of the light";
+        return worst.judged("reciprocity", what, RECIPROCAL_TABLE_TOLERANCE);
+    }
+    let space = matches!(table.meta().exit_axis, ExitAxis::Space { .. });
+    if space && table.meta().surface_model.normals == Normals::Visible {
+        return worst.judged("reciprocity", what, RECIPROCITY_TOLERANCE);
+    }
+    worst.told("reciprocity", what)
+}
+
+/// Median of |second difference| over its standard error, worst incidence: about 0.67 for pure noise, large where
+/// cells are too coarse for the lobe.
+fn roughness(table: &Table) -> Finding {
+    let columns = table.meta().exit_axis.columns();
+    let mut worst = Worst::new();
+    for (i, s) in table.meta().per_incidence.iter().enumerate() {
+        let values = table.at_incidence(&table.lobe(Component::Interior).value, i);
+        let errors = table.at_incidence(&table.lobe(Component::Interior).std_error, i);
+        let mut scores = Vec::new();
+        for (v, e) in values.chunks_exact(columns).zip(errors.chunks_exact(columns)) {
+            for (v, e) in v.windows(3).zip(e.windows(3)) {
+                let bend = f64::from(v[0]) - 2.0 * f64::from(v[1]) + f64::from(v[2]);
+                let error =
+                    (f64::from(e[0]).powi(2) + 4.0 * f64::from(e[1]).powi(2) + f64::from(e[2]).powi(2))
+                        .sqrt();
+                if error > 0.0 {
+                    scores.push((bend / error).abs());
+                }
+            }
+        }
+        scores.sort_by(f64::total_cmp);
+        worst.note(scores.get(scores.len() / 2).copied().unwrap_or(0.0), s.theta_i_deg);
+    }
+    worst.told("roughness", "median |second difference| of the interior in standard errors (0.67 is noise)")
+}
+
+/// Where every path has weight 1 its count says all: the standard error of a share s of n paths is √(s(1 − s)/n).
+/// Absorption makes weights unequal, doubling counts no paths: nothing to try then.
+fn error_bars(table: &Table) -> Option<Finding> {
+    let absorbs = table.meta().per_incidence.iter().any(|s| s.absorbed > 0.0);
+    if table.meta().solver != Solver::Walk || absorbs {
+        return None;
+    }
+    let mut worst = Worst::new();
+    for (i, s) in table.meta().per_incidence.iter().enumerate() {
+        // At normal incidence values and errors are means over cells, counts are each cell's own.
+        if s.theta_i_deg == 0.0 {
+            continue;
+        }
+        for component in Component::ALL {
+            let lobe = table.lobe(component);
+            let cells = table.at_incidence(&lobe.value, i).iter().zip(table.at_incidence(&lobe.std_error, i));
+            for ((value, error), count) in cells.zip(table.at_incidence(&lobe.count, i)) {
+                let spread = 1.0 / f64::from(*count) - 1.0 / s.paths as f64;
+                if *count > 0.0 && spread > 0.0 {
+                    let expected = f64::from(*value) * spread.sqrt();
+                    worst.note((f64::from(*error) / expected - 1.0).abs(), s.theta_i_deg);
+                }
+            }
+        }
+    }
+    Some(worst.judged(
+        "error_bars",
+        "stored standard error against the binomial one of the cell's count, relative",
+        ERROR_BAR_TOLERANCE,
+    ))
+}
+
+/// A lobe narrower than this many of its narrowest cells has no shape that cells could show: smooth interfaces, or
+/// nearly.
+const FEWEST_CELLS: f64 = 2.0;
+
+/// Whether the lobe of incidence i is wide enough to have a shape in the cells.
+fn is_resolved(table: &Table, i: usize) -> bool {
+    let summary = &table.meta().per_incidence[i];
+    let edges = table.meta().exit_axis.columns_at(summary.theta_i_deg.to_radians()).edges();
+    let narrowest = edges.windows(2).map(|edge| edge[1] - edge[0]).fold(f64::INFINITY, f64::min);
+    summary.sd_theta_o_deg.to_radians() >= FEWEST_CELLS * narrowest
+}
+
+/// The largest value of all light of incidence i, per steradian.
+fn peak(table: &Table, i: usize) -> f64 {
+    let [interior, surface] = [Component::Interior, Component::Surface]
+        .map(|component| table.at_incidence(&table.lobe(component).value, i));
+    interior.iter().zip(surface).map(|(a, b)| f64::from(a + b)).fold(0.0, f64::max)
+}
+
+/// A cell that sticks out of its neighbours by more than noise can.
+fn smoothness(table: &Table) -> Finding {
+    const NOISE: f64 = 6.0;
+    let columns = table.meta().exit_axis.columns();
+    let mut worst = Worst::new();
+    // Where there is a thousandth of the peak, truncated series ring; as much as the worst says that it is off, if that is more.
+    let ringing = match table.meta().solver {
+        Solver::Walk => 1e-3,
+        Solver::Doubling => {
+            table.meta().per_incidence.iter().fold(1e-3, |most, s| (s.accuracy_percent / 100.0).max(most))
+        }
+    };
+    for (i, s) in table.meta().per_incidence.iter().enumerate() {
+        if !is_resolved(table, i) {
+            continue;
+        }
+        let ringing = ringing * peak(table, i);
+        for lobe in [table.lobe(Component::Interior), table.lobe(Component::Surface)] {
+            let (values, errors) =
+                (table.at_incidence(&lobe.value, i), table.at_incidence(&lobe.std_error, i));
+            for (v, e) in values.chunks_exact(columns).zip(errors.chunks_exact(columns)) {
+                for (v, e) in v.windows(5).zip(e.windows(5)) {
+                    let v: [f64; 5] = std::array::from_fn(|k| f64::from(v[k]));
+                    let e: [f64; 5] = std::array::from_fn(|k| f64::from(e[k]));
+                    let step = v[2] - (4.0 * (v[1] + v[3]) - v[0] - v[4]) / 6.0;
+                    let around = (16.0 * (e[1].powi(2) + e[3].powi(2)) + e[0].powi(2) + e[4].powi(2)) / 36.0;
+                    let noise = (around + e[2].powi(2)).sqrt();
+                    let largest = v.into_iter().fold(ringing, f64::max);
+                    if largest > 0.0 {
+                        worst.note((step.abs() - NOISE * noise).max(0.0) / largest, s.theta_i_deg);
+                    }
+                }
+            }
+        }
+    }
+    let what =
+        "step of a cell off the cubic through its neighbours, beyond 6 standard errors, share of the largest";
+    if table.meta().solver == Solver::Walk && table.meta().compact.is_some() {
+        // What was noise is not known any more.
+        return worst.told("smoothness", what);
+    }
+    worst.judged("smoothness", what, SMOOTHNESS_TOLERANCE)
+}
+
+/// Whether two walks of one recipe differ as their stored errors say: the variance of the standardised differences.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Honesty {
+    /// `interior`, `surface`, or `summaries` (albedo and mean exit angle).
+    pub of: &'static str,
+    /// Number of differences.
+    pub count: usize,
+    /// Mean square of (a − b)/√(σa² + σb²): 1 if the errors are honest, above if they are too small.
+    pub variance: f64,
+    /// Probability of a variance as far from 1, on either side, if the errors are honest.
+    pub p: f64,
+    /// Departure of the variance from 1 in its own standard deviations √(2/count).
+    pub departure: f64,
+}
+
+/// Compares two walks of the same recipe with different seeds.
+///
+/// Cells count if they hold at least 50 paths in both tables together. For two walks of equally many unweighted
+/// paths the expectation is exactly 1 at any count: given n paths in both, each table has n/2 ± √n/2.
+///
+/// # Errors
+/// Tables that say nothing about each other's errors; the error names what differs (or does not).
+pub fn honesty(a: &Table, b: &Table) -> Result<Vec<Honesty>, FieldError> {
+    comparable(a, b)?;
+    let mut found = Vec::new();
+    for component in [Component::Interior, Component::Surface] {
+        let (x, y) = (a.lobe(component), b.lobe(component));
+        let mut squares = Vec::new();
+        for i in 0..a.meta().per_incidence.len() {
+            let [va, ea, na] = [&x.value, &x.std_error, &x.count].map(|samples| a.at_incidence(samples, i));
+            let [vb, eb, nb] = [&y.value, &y.std_error, &y.count].map(|samples| b.at_incidence(samples, i));
+            for k in diff::independent_cells(a, i) {
+                if na[k] + nb[k] >= FEWEST_TOGETHER {
+                    squares.extend(square(va[k].into(), vb[k].into(), ea[k].into(), eb[k].into()));
+                }
+            }
+        }
+        found.extend(Honesty::of(component.name(), &squares));
+    }
+    let mut squares = Vec::new();
+    for (s, t) in a.meta().per_incidence.iter().zip(&b.meta().per_incidence) {
+        let (e, f) = (&s.std_error, &t.std_error);
+        squares.extend(square(s.albedo, t.albedo, e.albedo, f.albedo));
+        squares.extend(square(
+            s.mean_theta_o_deg,
+            t.mean_theta_o_deg,
+            e.mean_theta_o_deg,
+            f.mean_theta_o_deg,
+        ));
+    }
+    found.extend(Honesty::of("summaries", &squares));
+    Ok(found)
+}
+
+/// The square of a standardised difference; none where there is no error to measure it by.
+fn square(a: f64, b: f64, error_a: f64, error_b: f64) -> Option<f64> {
+    let variance = error_a.powi(2) + error_b.powi(2);
+    (variance > 0.0).then(|| (a - b).powi(2) / variance)
+}
+
+impl Honesty {
+    fn of(of: &'static str, squares: &[f64]) -> Option<Self> {
+        let count = squares.len();
+        if count == 0 {
+            return None;
+        }
+        let variance = squares.iter().sum::<f64>() / count as f64;
+        let departure = (variance - 1.0) / (2.0 / count as f64).sqrt();
+        // Wilson and Hilferty: the cube root of chi²/n is normal enough from a handful of terms on.
+        let spread = 2.0 / (9.0 * count as f64);
+        let normal = (variance.cbrt() - (1.0 - spread)) / spread.sqrt();
+        let p = 2.0 * Normal::standard().sf(normal.abs());
+        Some(Self { of, count, variance, p, departure })
+    }
+}
+
+fn comparable(a: &Table, b: &Table) -> Result<(), FieldError> {
+    let refuse = |field: &str, problem: &str| Err(FieldError::new(field, problem));
+    let incidences =
+        |table: &Table| table.meta().per_incidence.iter().map(|s| s.theta_i_deg).collect::<Vec<f64>>();
+    if a.meta().solver != Solver::Walk || b.meta().solver != Solver::Walk {
+        return refuse("solver", "is doubling, which has no statistical errors; expected two walks");
+    }
+    if a.meta().recipe != b.meta().recipe {
+        return refuse("recipe", "differs; expected two walks of one recipe");
+    }
+    if a.meta().seed == b.meta().seed {
+        return refuse("seed", "is the same; expected two walks with different seeds");
+    }
+    if a.meta().exit_axis != b.meta().exit_axis || incidences(a) != incidences(b) {
+        return refuse("per_incidence", "has other incidences or cells; expected the same in both");
+    }
+    Ok(())
+}
