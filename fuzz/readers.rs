@@ -3,9 +3,8 @@
 //! Shared by the fuzz targets (`fuzz_targets/`) and by the replay of `corpus/` and `damaged/` in the ordinary tests
 //! (`crates/bake-brdf/tests/damaged_files.rs`). A function here panics where a reader breaks its promise.
 
-use bake_brdf::bake::sampling::Shard;
 use bake_brdf::bake::snapshot::{self, Snapshot};
-use bake_brdf::bake::{self, BakeError, Observer, Request};
+use bake_brdf::bake::{self, BakeError, Observer, Request, Shard};
 use bake_brdf::effects::{Effect, Effects};
 use bake_brdf::options::{Options, Target};
 use bake_brdf::recipe::Recipe;

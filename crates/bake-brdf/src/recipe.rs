@@ -305,14 +305,13 @@ pub enum RecipeError {
 }
 
 /// A layer of the expanded stack with every default filled in.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ResolvedLayer {
-    /// Optical constants.
-    pub material: Material,
+#[derive(Clone)]
+struct ResolvedLayer {
+    material: Material,
     /// Mean thickness, metres.
-    pub thickness: f64,
+    thickness: f64,
     /// Standard deviation of the thickness, metres.
-    pub thickness_sd: f64,
+    thickness_sd: f64,
 }
 
 impl Recipe {
@@ -575,13 +574,7 @@ impl Stack {
         layers.into_iter().chain(media).filter_map(|(name, n)| Some((name, n?))).collect()
     }
 
-    /// Every layer from the outside in, defaults filled in.
-    #[must_use]
-    pub fn layers_resolved(&self) -> Vec<ResolvedLayer> {
-        self.expanded().into_iter().map(|(_, layer)| layer).collect()
-    }
-
-    /// The layers with the recipe field that each comes from (`{i}` stands for the layer number).
+    /// Every layer from the outside in, with the recipe field that each comes from (`{i}` stands for the layer number).
     fn expanded(&self) -> Vec<(&'static str, ResolvedLayer)> {
         if let Some(layers) = &self.explicit {
             return layers.iter().map(|layer| ("stack.explicit[{i}]", layer.resolved())).collect();

@@ -4,9 +4,8 @@
 #[path = "../../../fuzz/readers.rs"]
 mod readers;
 
-use bake_brdf::bake::Observer;
-use bake_brdf::bake::sampling::Shard;
 use bake_brdf::bake::snapshot::{Snapshot, walk_shard};
+use bake_brdf::bake::{Observer, Shard};
 use bake_brdf::options::Target;
 use bake_brdf::recipe::Recipe;
 use lut_io::merl::Merl;

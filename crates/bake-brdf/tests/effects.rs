@@ -1,7 +1,6 @@
 //! Each effect of the walk against a computation that shares no code with it.
 
-use bake_brdf::bake::sampling::Shard;
-use bake_brdf::bake::{self, Bands, Observer, Request, snapshot};
+use bake_brdf::bake::{self, Bands, Observer, Request, Shard, snapshot};
 use bake_brdf::effects::{Effect, Effects};
 use bake_brdf::options::{Options, Target};
 use bake_brdf::recipe::Recipe;

@@ -8,7 +8,7 @@ mod effort;
 mod halfway;
 pub mod reproduce;
 mod request;
-pub mod sampling;
+pub(crate) mod sampling;
 mod second_side;
 pub mod snapshot;
 
@@ -17,6 +17,7 @@ pub use bands::Bands;
 pub use cells::exit_axis;
 pub use choice::{Counts, choose_solver, counts, solver};
 pub use request::Request;
+pub use sampling::{Shard, State};
 
 use crate::effects::EffectError;
 use crate::options::{OptionError, Sides, SolverChoice, Target};
@@ -26,7 +27,7 @@ use crate::tally::Tally;
 use assemble::{SecondSide, Solved};
 use lut_io::axis::ExitAxis;
 use lut_io::table::Table;
-use sampling::{Sampling, Shard, State};
+use sampling::Sampling;
 use snapshot::Snapshot;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;

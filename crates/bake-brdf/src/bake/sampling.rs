@@ -21,7 +21,7 @@ const LONGEST_SLICE: Duration = Duration::from_millis(500);
 /// Paths of every lobe, walked so far. A lobe is an incidence in a band: all incidences of the first band (the recipe's own
 /// wavelength), then those of the next. Random numbers do not know the band: the same paths meet other indices.
 #[derive(Debug)]
-pub struct Sampling {
+pub(crate) struct Sampling {
     /// One a band.
     walkers: Vec<Walker>,
     cells: Vec<Cells>,
@@ -149,8 +149,7 @@ impl Sampling {
     }
 
     /// The tallies of the recipe's own wavelength, one per incidence.
-    #[must_use]
-    pub fn tallies(&self) -> &[Tally] {
+    pub(crate) fn tallies(&self) -> &[Tally] {
         self.band_tallies(0)
     }
 
@@ -170,8 +169,7 @@ impl Sampling {
     }
 
     /// What has to survive for the bake to go on later.
-    #[must_use]
-    pub fn state(&self) -> State {
+    pub(crate) fn state(&self) -> State {
         State { milliseconds: (1000.0 * self.seconds()) as u64, ..self.state.clone() }
     }
 
@@ -179,7 +177,7 @@ impl Sampling {
     ///
     /// # Errors
     /// A state of other incidences or cells, or the observer asked to stop.
-    pub fn resume(&mut self, state: State, observer: &Observer<'_>) -> Result<(), BakeError> {
+    pub(crate) fn resume(&mut self, state: State, observer: &Observer<'_>) -> Result<(), BakeError> {
         let lobes = self.lobes();
         let fits = state.tallies.len() == lobes
             && state.position.len() == lobes
@@ -203,8 +201,7 @@ impl Sampling {
     }
 
     /// Arithmetic that the walk uses, `f32` or `f64`.
-    #[must_use]
-    pub fn precision(&self) -> lut_io::solver::Precision {
+    pub(crate) fn precision(&self) -> lut_io::solver::Precision {
         match self.walkers[0].precision() {
             Precision::F64 => lut_io::solver::Precision::F64,
             _ => lut_io::solver::Precision::F32,

@@ -1,9 +1,8 @@
 //! The checkpoint beside the output of a walk.
 
 use super::say;
-use bake_brdf::bake::sampling::{Shard, State};
 use bake_brdf::bake::snapshot::{Snapshot, SnapshotError};
-use bake_brdf::bake::{BakeError, Request};
+use bake_brdf::bake::{BakeError, Request, Shard, State};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;

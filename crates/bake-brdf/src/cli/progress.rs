@@ -3,8 +3,7 @@
 use super::checkpoint::Keeper;
 use super::errors::refuse;
 use super::say;
-use bake_brdf::bake::sampling::State;
-use bake_brdf::bake::{BakeError, Checkpoint, Observer, Progress};
+use bake_brdf::bake::{BakeError, Checkpoint, Observer, Progress, State};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
