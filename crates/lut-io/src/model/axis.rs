@@ -130,9 +130,11 @@ impl ExitAxis {
         let width = self.width();
         check("exit_axis.width", width, (MIN_WIDTH..=MAX_WIDTH).contains(&width), "1e-7 to π/6 radians")?;
         let columns = self.columns();
-        ensure("exit_axis cells", (2..=MAX_AXIS_CELLS).contains(&columns) && columns.is_multiple_of(2), || {
-            format!("is {columns}, expected an even number from 2 to {MAX_AXIS_CELLS}")
-        })?;
+        ensure(
+            "exit_axis cells",
+            (2..=MAX_AXIS_CELLS).contains(&columns) && columns.is_multiple_of(2),
+            || format!("is {columns}, expected an even number from 2 to {MAX_AXIS_CELLS}"),
+        )?;
         match self {
             Self::Plane { .. } => Ok(()),
             Self::Space { phi_cells, .. } => {
