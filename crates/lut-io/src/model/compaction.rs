@@ -31,7 +31,7 @@ pub enum Form {
     },
     /// Rows and columns are those of a table: value = sample · 2^exponent.
     Half {
-        /// Exponents of each incidence, in the order of [`Component::ALL`].
+        /// Exponents of each incidence, in the order of [`crate::table::Component::ALL`].
         exponent: Vec<[i32; 3]>,
     },
 }

@@ -8,7 +8,7 @@ use crate::numerics::curve::{Curve, Place};
 
 impl PearlBsdf {
     /// Directional albedo at θi (radians, below π/2) of each component, shown or not, linear sRGB, in the order of
-    /// [`Components::NAMES`]: the integral of [`Self::eval`] over the exit hemisphere, by quadrature.
+    /// [`crate::Components::NAMES`]: the integral of [`Self::eval`] over the exit hemisphere, by quadrature.
     #[must_use]
     pub fn directional_albedo(&self, theta_i: f64) -> [[f64; 3]; 4] {
         self.albedo(theta_i, Viewer::AtExit)

@@ -9,7 +9,7 @@ use lut_io::axis::ExitAxis;
 pub(crate) struct Distribution {
     /// Integral of the density u up to each cell centre of a row, \[incidence, φ row, column\].
     pub(crate) cumulative: Vec<f32>,
-    /// Where to begin looking in it ([`guide`]).
+    /// Where to begin looking in it (`guide`).
     pub(crate) guide: Vec<u16>,
     /// Σ u of each row, \[incidence, φ row\].
     pub(crate) row_total: Vec<f32>,
