@@ -261,7 +261,7 @@ mod tests {
             SolverSettings::Walk(walk) => change(walk),
             other => panic!("{other:?}"),
         };
-        assert!(refusal(&|meta| walk(meta, &|walk| walk.event_cap = 0)).contains("event-cap"));
+        assert!(refusal(&|meta| walk(meta, &|walk| walk.event_cap = 0)).contains("event_cap: 0"));
         let long = |walk: &mut Walk| walk.time_budget_seconds = Some(1e300);
         assert!(refusal(&|meta| walk(meta, &long)).contains("time_budget_seconds"));
         assert!(refusal(&|meta| meta.per_incidence[0].paths = u64::MAX).contains("paths is"));
