@@ -18,7 +18,7 @@ use crate::model::measure;
 use crate::model::reciprocal::{self, Reciprocal, STEPS};
 use crate::model::table::{Component, IncidenceSummary, Lobe, Parts, Table};
 use crate::ops::diff;
-use crate::read::lobe::{Interpolant, Row};
+use crate::read::lobe::{Interpolant, Row, bracket};
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -236,16 +236,6 @@ impl KernelRow {
 
     fn integral(&self, own: f64, ln_r: &[f64]) -> f64 {
         self.values(own, ln_r).zip(&self.weights).map(|(v, w)| v * w).sum()
-    }
-}
-
-/// The node at or before x, and how far x is towards the next; clamped.
-fn bracket(nodes: &[f64], x: f64) -> (usize, f64) {
-    let above = nodes.partition_point(|node| *node <= x);
-    match above {
-        0 => (0, 0.0),
-        above if above == nodes.len() => (above - 1, 0.0),
-        above => (above - 1, (x - nodes[above - 1]) / (nodes[above] - nodes[above - 1])),
     }
 }
 

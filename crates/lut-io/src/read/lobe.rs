@@ -248,20 +248,10 @@ impl Row<'_> {
     /// A channel of the table read by the rule above, without the correction.
     #[must_use]
     pub fn read(&self, samples: &[f32], theta_o: f64, phi: f64) -> f64 {
-        let Some(phi_axis) = &self.phi else {
-            let x = decay::concentration(self.theta_i, theta_o, self.azimuth_width);
-            let d = decay::decay(x, phi.cos());
-            let at = |s: f64| self.along_columns(samples, 0, s);
-            return at(theta_o) * d + at(-theta_o) * (1.0 - d);
-        };
+        let cells = Cells { centre: self.theta_i, columns: &self.columns, phi: self.phi.as_ref() };
         // The lobe is even in φ: fold any angle to [0, π].
-        let folded = phi.cos().clamp(-1.0, 1.0).acos();
-        let (row, t) = neighbours(phi_axis.position(folded), phi_axis.cells);
-        let near = self.along_columns(samples, row, theta_o);
-        if t == 0.0 {
-            return near;
-        }
-        near * (1.0 - t) + t * self.along_columns(samples, row + 1, theta_o)
+        let phi = if self.phi.is_some() { phi.cos().clamp(-1.0, 1.0).acos() } else { phi };
+        cells.read(theta_o, phi, self.azimuth_width, |row, column| self.cell(samples, row, column))
     }
 
     /// A channel at a whole cell, without the correction: (φ row, column); the stored number at a stored θi.
@@ -283,25 +273,8 @@ impl Row<'_> {
     #[must_use]
     pub fn at_position(&self, samples: &[f32], across: f64, along: f64) -> f64 {
         let rows = self.table.meta().exit_axis.rows_per_incidence();
-        if rows == 1 {
-            return self.along_positions(samples, 0, along);
-        }
-        let (row, t) = neighbours(across, rows);
-        let near = self.along_positions(samples, row, along);
-        if t == 0.0 { near } else { near * (1.0 - t) + t * self.along_positions(samples, row + 1, along) }
-    }
-
-    fn along_columns(&self, samples: &[f32], row: usize, x: f64) -> f64 {
-        self.along_positions(samples, row, self.columns.position(x))
-    }
-
-    fn along_positions(&self, samples: &[f32], row: usize, position: f64) -> f64 {
-        let (column, t) = neighbours(position, self.columns.cells);
-        let near = self.cell(samples, row, column);
-        if t == 0.0 {
-            return near;
-        }
-        near * (1.0 - t) + t * self.cell(samples, row, column + 1)
+        let at = |row: usize| mixed(along, self.columns.cells, |column| self.cell(samples, row, column));
+        mixed(across, rows, at)
     }
 
     /// Hemispherical integral of each component as read, the correction included.
@@ -323,8 +296,46 @@ impl Row<'_> {
     }
 }
 
+/// The cells of one incidence: step 1 of the rule.
+pub(super) struct Cells<'a> {
+    /// The mirror direction, radians.
+    pub(super) centre: f64,
+    /// Signed exit angle (decay tables) or θo.
+    pub(super) columns: &'a Stretched,
+    /// φ in space tables.
+    pub(super) phi: Option<&'a Stretched>,
+}
+
+impl Cells<'_> {
+    /// The values of `cell` (φ row, column) read at an exit direction, φ in [0, π] where there are φ cells; in decay tables by the
+    /// postulate of width w, step 3 of the rule.
+    pub(super) fn read(
+        &self,
+        theta_o: f64,
+        phi: f64,
+        azimuth_width: f64,
+        cell: impl Fn(usize, usize) -> f64,
+    ) -> f64 {
+        let along = |row: usize, x: f64| {
+            mixed(self.columns.position(x), self.columns.cells, |column| cell(row, column))
+        };
+        let Some(phi_axis) = self.phi else {
+            let d = decay::decay(decay::concentration(self.centre, theta_o, azimuth_width), phi.cos());
+            return along(0, theta_o) * d + along(0, -theta_o) * (1.0 - d);
+        };
+        mixed(phi_axis.position(phi), phi_axis.cells, |row| along(row, theta_o))
+    }
+}
+
+/// What is known at cell centres, linear in position between them.
+fn mixed(position: f64, cells: usize, at: impl Fn(usize) -> f64) -> f64 {
+    let (cell, t) = neighbours(position, cells);
+    let near = at(cell);
+    if t == 0.0 { near } else { near * (1.0 - t) + t * at(cell + 1) }
+}
+
 /// The node at or before x and how far (0..1) x is towards the next; clamped to the ends.
-fn bracket(nodes: &[f64], x: f64) -> (usize, f64) {
+pub(crate) fn bracket(nodes: &[f64], x: f64) -> (usize, f64) {
     let last = nodes.len() - 1;
     if last == 0 || x <= nodes[0] || x.is_nan() {
         return (0, 0.0);

@@ -1,11 +1,9 @@
 //! Cuts through the lobes of [`crate::both_sides`]: one stored θi, one azimuth, all exit angles.
 
 use crate::error::FieldError;
-use crate::model::axis::ExitAxis;
 use crate::model::both_sides::{BothSides, FromBelow, Passage};
-use crate::model::decay;
-use crate::model::measure;
 use crate::model::table::Table;
+use crate::read::lobe::Cells;
 use std::f64::consts::PI;
 
 /// How near, in degrees, an angle of incidence must lie to one of the table to mean it.
@@ -49,14 +47,17 @@ pub fn slice(
     let below = &section.from_below[incidence];
     let axis = &table.meta().exit_axis;
     let specular = section.specular(passage, below.theta_i_deg.to_radians());
-    let lobe = Row { axis, specular, values: table.at_incidence(values, incidence) };
+    let (columns, azimuths) = (axis.columns_at(specular), axis.phi_at(specular));
+    let lobe = Cells { centre: specular, columns: &columns, phi: azimuths.as_ref() };
+    let values = table.at_incidence(values, incidence);
+    let cell = |row: usize, column: usize| f64::from(values[row * columns.cells + column]);
     let width = below.azimuth_width_deg.of(passage).to_radians();
     let phi = phi_deg.abs().to_radians();
-    let exits: Vec<f64> = lobe.exits(phi);
+    let exits = exits(&lobe, phi);
     Ok(PassageSlice {
         theta_i_deg: below.theta_i_deg,
         phi_deg: phi_deg.abs(),
-        value: exits.iter().map(|theta_o| lobe.at(*theta_o, phi, width)).collect(),
+        value: exits.iter().map(|theta_o| lobe.read(*theta_o, phi, width, cell)).collect(),
         theta_o_deg: exits.iter().map(|theta_o| theta_o.to_degrees()).collect(),
     })
 }
@@ -73,40 +74,14 @@ fn angles(section: &BothSides) -> String {
     text
 }
 
-/// The cells of one incidence.
-struct Row<'a> {
-    axis: &'a ExitAxis,
-    specular: f64,
-    values: &'a [f32],
-}
-
-impl Row<'_> {
-    /// Cell centres in θo: in the plane those of the half that φ lies in.
-    fn exits(&self, phi: f64) -> Vec<f64> {
-        let centres = self.axis.columns_at(self.specular).centres();
-        if self.axis.rows_per_incidence() > 1 {
-            return centres;
-        }
-        if phi == PI {
-            return centres.iter().rev().filter(|s| **s < 0.0).map(|s| -s).collect();
-        }
-        centres.into_iter().filter(|s| *s >= 0.0).collect()
+/// Cell centres in θo: in the plane those of the half that φ lies in.
+fn exits(lobe: &Cells<'_>, phi: f64) -> Vec<f64> {
+    let centres = lobe.columns.centres();
+    if lobe.phi.is_some() {
+        return centres;
     }
-
-    /// Linear in position between cell centres, `row` of the φ cells.
-    fn along(&self, row: usize, angle: f64) -> f64 {
-        let columns = self.axis.columns_at(self.specular);
-        let (cell, fraction) = measure::neighbours(columns.position(angle), columns.cells);
-        let value = |k: usize| f64::from(self.values[row * columns.cells + k]);
-        (1.0 - fraction) * value(cell) + fraction * value(cell + 1)
+    if phi == PI {
+        return centres.iter().rev().filter(|s| **s < 0.0).map(|s| -s).collect();
     }
-
-    fn at(&self, theta_o: f64, phi: f64, width: f64) -> f64 {
-        let Some(azimuths) = self.axis.phi_at(self.specular) else {
-            let d = decay::decay(decay::concentration(self.specular, theta_o, width), phi.cos());
-            return self.along(0, theta_o) * d + self.along(0, -theta_o) * (1.0 - d);
-        };
-        let (row, fraction) = measure::neighbours(azimuths.position(phi), azimuths.cells);
-        (1.0 - fraction) * self.along(row, theta_o) + fraction * self.along(row + 1, theta_o)
-    }
+    centres.into_iter().filter(|s| *s >= 0.0).collect()
 }

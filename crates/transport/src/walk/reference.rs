@@ -6,6 +6,7 @@
 use rand::rngs::SmallRng;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
+use thinfilm::intensity::fresnel;
 
 use super::{Exit, Fate};
 use crate::{Geometry, Light, Normals, Transport};
@@ -126,8 +127,7 @@ impl<'a> Reference<'a> {
             let sheet = self.transport.sheets.filter(|sheets| (1..=sheets.last).contains(&interface));
             let (s, p) = match sheet {
                 Some(sheet) => sheet.reflectance(n1, cos_i),
-                None if sin_t >= 1.0 => (1.0, 1.0),
-                None => fresnel(n1, n2, cos_i, cos_t),
+                None => fresnel(n1, cos_i, n2, cos_t),
             };
             let reflectance = share * s + (1.0 - share) * p;
             let would_leave = direction[2] + 2.0 * cos_i * normal[2] > 0.0;
@@ -234,13 +234,6 @@ impl<'a> Reference<'a> {
 /// Direction of travel of light that comes in at `theta_i` (radians).
 fn incident(theta_i: f64) -> [f64; 3] {
     [theta_i.sin(), 0.0, -theta_i.cos()]
-}
-
-/// Reflectance of an interface for s and for p.
-fn fresnel(n1: f64, n2: f64, cos_i: f64, cos_t: f64) -> (f64, f64) {
-    let r_s = (n1 * cos_i - n2 * cos_t) / (n1 * cos_i + n2 * cos_t);
-    let r_p = (n2 * cos_i - n1 * cos_t) / (n2 * cos_i + n1 * cos_t);
-    (r_s * r_s, r_p * r_p)
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
