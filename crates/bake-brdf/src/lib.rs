@@ -1,4 +1,4 @@
-//! Recipe, plan, solvers and bake of the nacre light walk.
+#![doc = include_str!("../README.md")]
 
 pub mod bake;
 pub mod effects;

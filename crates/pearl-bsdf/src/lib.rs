@@ -1,4 +1,4 @@
-//! A pearl table as a BSDF: `eval`, `pdf` and `sample` with the artist's controls.
+#![doc = include_str!("../README.md")]
 //!
 //! Directions are unit vectors in the local shading frame, z the outward normal, both pointing away from the
 //! surface (Mitsuba's convention). `eval` includes cos θo; where either direction is at or below the horizon, or not of
