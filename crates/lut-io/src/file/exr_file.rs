@@ -263,22 +263,18 @@ fn bands(meta: &Meta) -> &[dispersion::Band] {
     meta.dispersion.as_ref().map_or(&[], |section| &section.bands)
 }
 
-fn lobe_names(component: Component) -> [String; 3] {
-    channel_triple(component.name().to_owned())
-}
-
-fn band_lobe_names(component: Component, band: usize) -> [String; 3] {
-    channel_triple(dispersion::channel_name(component.name(), band))
-}
-
-fn channel_triple(name: String) -> [String; 3] {
+/// Names of the channels of a component, of a further band or the table's own.
+fn lobe_names(component: Component, band: Option<usize>) -> [String; 3] {
+    let name = component.name();
+    let name = band.map_or_else(|| name.to_owned(), |band| dispersion::channel_name(name, band));
     let (error, count) = (format!("{name}_std_error"), format!("{name}_count"));
     [name, error, count]
 }
 
 /// Names of all channels of a table.
 fn channel_names(meta: &Meta) -> Vec<String> {
-    let mut names: Vec<String> = Component::ALL.into_iter().flat_map(lobe_names).collect();
+    let mut names: Vec<String> =
+        Component::ALL.into_iter().flat_map(|component| lobe_names(component, None)).collect();
     names.extend(["theta_i_deg", "theta_o_deg", "phi_deg", "weight_sr"].map(String::from));
     if meta.exit_axis.rows_per_incidence() == 1 {
         names.push("exit_deg".to_owned());
@@ -287,7 +283,7 @@ fn channel_names(meta: &Meta) -> Vec<String> {
         names.extend(Passage::ALL.iter().flat_map(|p| [p.name(), p.weight_name()]).map(String::from));
     }
     for band in 0..bands(meta).len() {
-        names.extend(Component::ALL.into_iter().flat_map(|component| band_lobe_names(component, band)));
+        names.extend(Component::ALL.into_iter().flat_map(|component| lobe_names(component, Some(band))));
         names.push(dispersion::channel_name("weight_sr", band));
     }
     names
@@ -300,11 +296,11 @@ fn channels(table: &Table) -> Vec<(String, Vec<f32>)> {
         channels.extend(names.into_iter().zip(samples.map(Clone::clone)));
     };
     for component in Component::ALL {
-        add(lobe_names(component), table.lobe(component));
+        add(lobe_names(component, None), table.lobe(component));
     }
     for (band, lobes) in table.bands().iter().enumerate() {
         for (component, lobe) in Component::ALL.into_iter().zip(lobes) {
-            add(band_lobe_names(component, band), lobe);
+            add(lobe_names(component, Some(band)), lobe);
         }
     }
     for passage in Passage::ALL {
@@ -377,10 +373,10 @@ fn assemble(meta: Meta, names: &[String], mut samples: Vec<Vec<f32>>) -> Result<
         let [value, std_error, count] = names.map(|name| take(&name));
         Lobe { value, std_error, count }
     };
-    let lobes = Component::ALL.map(|component| lobe(lobe_names(component)));
+    let lobes = Component::ALL.map(|component| lobe(lobe_names(component, None)));
     let further = 0..bands(&meta).len();
     let bands =
-        further.map(|band| Component::ALL.map(|component| lobe(band_lobe_names(component, band)))).collect();
+        further.map(|band| Component::ALL.map(|component| lobe(lobe_names(component, Some(band))))).collect();
     Table::of_checked_meta(Parts { meta, lobes, passages, bands })
 }
 

@@ -4,7 +4,7 @@
 //! dimensions, u8 type, u64 offset from the start of the file, u64 extents. Read by Mitsuba's `measured`, pbrt-v4 and
 //! powitacq (Dupuy and Jakob, *An Adaptive Parameterization for Efficient Material Acquisition and Rendering*, 2018).
 
-use crate::error::FieldError;
+use crate::error::{FieldError, ensure};
 
 const MAGIC: &[u8] = b"tensor_file\0\x01\x00";
 /// Types of the format that are used here.
@@ -79,12 +79,10 @@ impl Field {
 /// A field whose extents are not those of its values.
 pub fn encode(fields: &[Field]) -> Result<Vec<u8>, FieldError> {
     for field in fields {
-        let expected: usize = field.shape.iter().product();
-        if expected != field.values.len() {
-            let problem =
-                format!("has {} values, expected {expected} from {:?}", field.values.len(), field.shape);
-            return Err(FieldError::new(field.name.clone(), problem));
-        }
+        let (expected, found): (usize, usize) = (field.shape.iter().product(), field.values.len());
+        ensure(&field.name, found == expected, || {
+            format!("has {found} values, expected {expected} from {:?}", field.shape)
+        })?;
     }
     let header: usize = fields.iter().map(|f| 2 + f.name.len() + 2 + 1 + 8 + 8 * f.shape.len()).sum();
     let mut bytes = MAGIC.to_vec();
@@ -120,12 +118,9 @@ pub fn decode(bytes: &[u8]) -> Result<Vec<Field>, FieldError> {
         .strip_prefix(MAGIC)
         .ok_or_else(|| FieldError::new("file", "does not start with tensor_file, version 1.0"))?;
     let count = u32::from_le_bytes(take(&mut rest)?);
-    if count > MOST_FIELDS {
-        return Err(FieldError::new(
-            "file",
-            format!("claims {count} fields, expected at most {MOST_FIELDS}"),
-        ));
-    }
+    ensure("file", count <= MOST_FIELDS, || {
+        format!("claims {count} fields, expected at most {MOST_FIELDS}")
+    })?;
     (0..count).map(|_| decode_field(bytes, &mut rest)).collect()
 }
 
@@ -137,27 +132,18 @@ fn decode_field(bytes: &[u8], rest: &mut &[u8]) -> Result<Field, FieldError> {
         .map_err(|_| FieldError::new("file", "has a field whose name is not UTF-8"))?
         .to_owned();
     let dimensions = u16::from_le_bytes(take(rest)?);
-    if dimensions > MOST_DIMENSIONS {
-        return Err(FieldError::new(
-            name,
-            format!("has {dimensions} dimensions, expected at most {MOST_DIMENSIONS}"),
-        ));
-    }
+    ensure(&name, dimensions <= MOST_DIMENSIONS, || {
+        format!("has {dimensions} dimensions, expected at most {MOST_DIMENSIONS}")
+    })?;
     let [kind] = take(rest)?;
     let offset = u64::from_le_bytes(take(rest)?);
     let shape = (0..dimensions)
         .map(|_| Ok(u64::from_le_bytes(take(rest)?)))
         .collect::<Result<Vec<_>, FieldError>>()?;
-    let size = match kind {
-        U8 => 1,
-        F32 => 4,
-        _ => {
-            return Err(FieldError::new(
-                name,
-                format!("is of type {kind}, expected {U8} (u8) or {F32} (f32)"),
-            ));
-        }
-    };
+    ensure(&name, [U8, F32].contains(&kind), || {
+        format!("is of type {kind}, expected {U8} (u8) or {F32} (f32)")
+    })?;
+    let size = if kind == U8 { 1 } else { 4 };
     // What the header claims is checked against the bytes that are there before anything is reserved.
     let length = shape.iter().try_fold(size, |product: u64, extent| product.checked_mul(*extent));
     let array = length

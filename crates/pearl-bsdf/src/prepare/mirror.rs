@@ -15,7 +15,7 @@ pub(super) fn scale(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Curve
 }
 
 /// The curve r for which r(θi)·r(θo)·cos θo·[`Facets::reflection`] has the single reflection's share at every θi: the closed form
-/// made reciprocal (symmetric scaling, as in [`lut_io::reciprocal`]).
+/// made reciprocal (symmetric scaling, as in [`lut_io::symmetrise`]).
 pub(super) fn ends(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Curve {
     const ROUNDS: usize = 200;
     const SCALED: f64 = 1e-9;

@@ -2,7 +2,7 @@
 //! there before it is used, and only what a pearl table may be is accepted (one scan-line part, channels of
 //! one type, f32 or in compact files f16, no sub-sampling, ZIP or no compression). Layout: "OpenEXR File Layout", openexr.com.
 
-use crate::error::FieldError;
+use crate::error::{FieldError, ensure};
 use crate::file::ATTRIBUTE;
 use crate::model::dispersion::MOST_BANDS;
 use crate::model::limits::{MAX_AXIS_CELLS, MAX_CELLS, MAX_META_BYTES};
@@ -43,10 +43,9 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Header<'_>, FieldError> {
     cursor.at = 4;
     let version = cursor.u32("version")?;
     // Bit 10 (long names) is harmless; tiles, deep data and several parts are not a table.
-    if version & 0xff != 2 || version & !0x4ff != 0 {
-        let problem = format!("is 0x{version:x}, expected an OpenEXR 2 file with one scan-line part");
-        return Err(FieldError::new("OpenEXR version", problem));
-    }
+    ensure("OpenEXR version", version & 0xff == 2 && version & !0x4ff == 0, || {
+        format!("is 0x{version:x}, expected an OpenEXR 2 file with one scan-line part")
+    })?;
     let mut found = Attributes::default();
     for _ in 0..MAX_ATTRIBUTES {
         let name = cursor.name()?;
@@ -56,10 +55,9 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Header<'_>, FieldError> {
         let kind = cursor.name()?;
         let size = cursor.u32(name)? as usize;
         let limit = if name == ATTRIBUTE { MAX_META_BYTES } else { MAX_BYTES };
-        if size > limit {
-            let problem = format!("claims {size} bytes, expected at most {limit}");
-            return Err(FieldError::new(format!("attribute {name:?}"), problem));
-        }
+        ensure(&format!("attribute {name:?}"), size <= limit, || {
+            format!("claims {size} bytes, expected at most {limit}")
+        })?;
         let value = cursor.take(size, name)?;
         found.note(name, kind, value)?;
     }
@@ -100,10 +98,9 @@ impl<'a> Attributes<'a> {
             ATTRIBUTE => "string",
             _ => return Ok(()),
         };
-        if kind != expected_kind {
-            let problem = format!("is of type {kind:?}, expected {expected_kind}");
-            return Err(FieldError::new(format!("attribute {name}"), problem));
-        }
+        ensure(&format!("attribute {name}"), kind == expected_kind, || {
+            format!("is of type {kind:?}, expected {expected_kind}")
+        })?;
         match name {
             "channels" => self.channels = Some(channel_list(value)?),
             "compression" => self.compression = Some(compression(value)?),
@@ -143,22 +140,18 @@ fn channel_list(value: &[u8]) -> Result<(SampleType, Vec<String>), FieldError> {
             let kind = if kinds == Some(1) { SampleType::F16 } else { SampleType::F32 };
             return Ok((kind, names));
         }
-        if names.len() == MAX_CHANNELS {
-            return Err(FieldError::new(
-                "attribute channels",
-                format!("lists more than {MAX_CHANNELS} channels"),
-            ));
-        }
+        ensure("attribute channels", names.len() < MAX_CHANNELS, || {
+            format!("lists more than {MAX_CHANNELS} channels")
+        })?;
         let kind = cursor.u32("channels")?;
         cursor.take(4, "channels")?;
         let sampling = (cursor.u32("channels")?, cursor.u32("channels")?);
         let right = [1, 2].contains(&kind) && *kinds.get_or_insert(kind) == kind && sampling == (1, 1);
-        if !right {
-            let problem = format!(
+        ensure(&format!("channel {name}"), right, || {
+            format!(
                 "has type {kind} and sampling {sampling:?}, expected 2 (FLOAT; 1, HALF, in all channels of a compact file) and (1, 1)"
-            );
-            return Err(FieldError::new(format!("channel {name}"), problem));
-        }
+            )
+        })?;
         names.push(name.to_owned());
     }
 }
@@ -178,20 +171,20 @@ fn compression(value: &[u8]) -> Result<Compression, FieldError> {
 fn data_window(value: &[u8]) -> Result<(usize, usize), FieldError> {
     let corner: Vec<i64> =
         value.chunks_exact(4).map(|b| i64::from(i32::from_le_bytes([b[0], b[1], b[2], b[3]]))).collect();
-    let fail = |problem: String| Err(FieldError::new("attribute dataWindow", problem));
+    let field = "attribute dataWindow";
     let &[left, top, right, bottom] = corner.as_slice() else {
-        return fail(format!("has {} bytes, expected 16", value.len()));
+        return Err(FieldError::new(field, format!("has {} bytes, expected 16", value.len())));
     };
     let (width, height) = (right - left + 1, bottom - top + 1);
     let ok = (left, top) == (0, 0)
         && (1..=MAX_AXIS_CELLS as i64).contains(&width)
         && (1..=MAX_CELLS as i64).contains(&height)
         && width * height <= MAX_CELLS as i64;
-    if !ok {
-        return fail(format!(
+    ensure(field, ok, || {
+        format!(
             "is ({left}, {top})–({right}, {bottom}), expected it to start at (0, 0) and to hold at most {MAX_CELLS} cells"
-        ));
-    }
+        )
+    })?;
     Ok((width as usize, height as usize))
 }
 
@@ -216,38 +209,34 @@ impl Header<'_> {
 
     /// Checks that the channels hold samples of this type.
     pub(super) fn check_type(&self, expected: SampleType) -> Result<(), FieldError> {
-        if self.sample_type == expected {
-            return Ok(());
-        }
-        let problem = format!("are of type {:?}, expected {expected:?}", self.sample_type);
-        Err(FieldError::new("channels", problem))
+        ensure("channels", self.sample_type == expected, || {
+            format!("are of type {:?}, expected {expected:?}", self.sample_type)
+        })
     }
 
     /// Checks that exactly these channels (sorted) are there.
     pub(super) fn check_channels(&self, expected: &[String]) -> Result<(), FieldError> {
-        if let Some(missing) = expected.iter().find(|name| !self.channels.contains(name)) {
-            return Err(FieldError::new(format!("channel {missing}"), "is missing"));
+        for name in expected {
+            ensure(&format!("channel {name}"), self.channels.contains(name), || "is missing".to_owned())?;
         }
-        if let Some(extra) = self.channels.iter().find(|name| !expected.contains(name)) {
-            let problem = format!("is not known in a {SCHEMA} table");
-            return Err(FieldError::new(format!("channel {extra:?}"), problem));
+        for name in &self.channels {
+            ensure(&format!("channel {name:?}"), expected.contains(name), || {
+                format!("is not known in a {SCHEMA} table")
+            })?;
         }
-        if self.channels != expected {
-            return Err(FieldError::new("attribute channels", "is not sorted by name without repeats"));
-        }
-        Ok(())
+        ensure("attribute channels", self.channels == expected, || {
+            "is not sorted by name without repeats".to_owned()
+        })
     }
 
     /// Checks the image size against that of the metadata.
     pub(super) fn check_size(&self, (width, height): (usize, usize)) -> Result<(), FieldError> {
-        if (self.width, self.height) == (width, height) {
-            return Ok(());
-        }
-        let problem = format!(
-            "makes {} × {} pixels, expected {width} × {height} (cells × rows of the metadata)",
-            self.width, self.height
-        );
-        Err(FieldError::new("attribute dataWindow", problem))
+        ensure("attribute dataWindow", (self.width, self.height) == (width, height), || {
+            format!(
+                "makes {} × {} pixels, expected {width} × {height} (cells × rows of the metadata)",
+                self.width, self.height
+            )
+        })
     }
 
     /// The compressed bytes of every block, top to bottom.
