@@ -106,7 +106,8 @@ impl Cells {
             (thetas.iter().map(|p| p.0).collect(), phis.iter().map(|p| p.0).collect());
         let basis = solution.basis(&theta, &phi);
         let interior = solution.interior(incidence, &basis);
-        let surface = solution.single(incidence, &basis) + solution.rehit(incidence, &basis);
+        let mut surface = solution.single(incidence, &basis);
+        surface += &solution.rehit(incidence, &basis);
         let mut shares = vec![0.0; 2 * self.count() + 1];
         for (f, (_, turn, column)) in phis.iter().enumerate() {
             for (k, (angle, rise, row)) in thetas.iter().enumerate() {

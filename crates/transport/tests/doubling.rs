@@ -171,9 +171,9 @@ fn densities_integrate_to_the_shares() {
         let (theta, phi, weights) = directions(geometry);
         let basis = solution.basis(&theta, &phi);
         for (i, lobe) in solution.lobes.iter().enumerate() {
-            let integral = |density: faer::Mat<f64>| -> f64 {
+            let integral = |density: transport::doubling::Matrix| -> f64 {
                 (0..phi.len())
-                    .map(|f| density.col(f).iter().zip(&weights).map(|(d, w)| d * w).sum::<f64>())
+                    .map(|f| density.column(f).iter().zip(&weights).map(|(d, w)| d * w).sum::<f64>())
                     .sum()
             };
             let interior = integral(solution.interior(i, &basis));
@@ -385,9 +385,11 @@ fn many_paths_agree_with_an_independent_walk() {
 fn interiors_apart(solution: &Solution, truth: &Solution, incidence: usize) -> f64 {
     let (theta, phi, weights) = directions(truth.geometry());
     let (basis, true_basis) = (solution.basis(&theta, &phi), truth.basis(&theta, &phi));
-    let difference = solution.interior(incidence, &basis) - truth.interior(incidence, &true_basis);
-    let column =
-        |f: usize| difference.col(f).iter().zip(&weights).map(|(d, w)| 0.5 * w * d.abs()).sum::<f64>();
+    let (found, exact) = (solution.interior(incidence, &basis), truth.interior(incidence, &true_basis));
+    let column = |f: usize| {
+        let pairs = found.column(f).iter().zip(exact.column(f)).zip(&weights);
+        pairs.map(|((a, b), w)| 0.5 * w * (a - b).abs()).sum::<f64>()
+    };
     (0..phi.len()).map(column).sum::<f64>() / truth.lobes[incidence].albedo
 }
 

@@ -1,9 +1,8 @@
 //! The cells of a table, and from a solution by doubling to light by cell: its densities integrated over them.
 
-use faer::Mat;
 use lut_io::axis::{ExitAxis, MAX_WIDTH, Stretched};
 use transport::Geometry;
-use transport::doubling::Solution;
+use transport::doubling::{Matrix, Solution};
 
 /// Columns of a plane table: cells of 0.07 σ-widths at the lobe's centre keep the reading error near 5e-4.
 const PLANE_CELLS: usize = 128;
@@ -59,7 +58,7 @@ impl CellRule {
     }
 
     /// Integral of a density (rows angles, columns azimuths) over each cell.
-    pub(super) fn shares(&self, density: &Mat<f64>) -> Vec<f64> {
+    pub(super) fn shares(&self, density: &Matrix) -> Vec<f64> {
         let per_column = self.angles.len() / self.columns;
         let per_row = self.azimuths.len() / self.rows;
         let mut shares = Vec::with_capacity(self.rows * self.columns);
@@ -88,7 +87,7 @@ pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize
     let lobe = &solution.lobes[incidence];
     let rule = CellRule::new(axis, lobe.theta_i);
     let basis = solution.basis(&rule.angles, &rule.azimuths);
-    let scaled = |density: &Mat<f64>, known: f64| {
+    let scaled = |density: &Matrix, known: f64| {
         let mut shares = rule.shares(density);
         let integrated: f64 = shares.iter().sum();
         // Less than rounding has no sign, and no shape.

@@ -37,7 +37,10 @@ pub(super) fn of(
         let lobe = |side: &Solution, reflected: bool| {
             let basis = side.basis(&rule.angles, &rule.azimuths);
             if reflected {
-                side.interior(i, &basis) + side.rehit(i, &basis) + side.single(i, &basis)
+                let mut all = side.interior(i, &basis);
+                all += &side.rehit(i, &basis);
+                all += &side.single(i, &basis);
+                all
             } else {
                 side.transmitted(i, &basis)
             }

@@ -3,9 +3,9 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::OnceLock;
 
-use faer::Mat;
 use thinfilm::quadrature::{Rule, gauss_legendre};
 
+use super::matrix::Matrix;
 use crate::Geometry;
 
 /// Largest rule that [`segment_rule`] keeps.
@@ -32,7 +32,7 @@ pub(super) struct Grid {
     /// Quadrature weights: in μ on (0, 1) (space), in θ on (0, π/2) (plane).
     pub(super) weights: Vec<f64>,
     /// \[parity\]: cardinal functions from Legendre moments, ℓ_j = Σ_n to_nodes\[j, n\]·P_n.
-    to_nodes: [Mat<f64>; 2],
+    to_nodes: [Matrix; 2],
     /// Nodes of the rule on [−1, 1] with their barycentric weights: the cardinal functions point by point.
     barycentric: Vec<(f64, f64)>,
 }
@@ -50,7 +50,7 @@ impl Grid {
         let mu: Vec<f64> = rule.nodes.iter().map(|t| 0.5 * (t + 1.0)).collect();
         let theta: Vec<f64> = mu.iter().map(|mu| mu.acos()).collect();
         let sines: Vec<f64> = mu.iter().map(|mu| ((1.0 - mu) * (1.0 + mu)).sqrt()).collect();
-        let mut to_nodes = [Mat::zeros(n, n), Mat::zeros(n, n)];
+        let mut to_nodes = [Matrix::zeros(n, n), Matrix::zeros(n, n)];
         for j in 0..n {
             legendre(rule.nodes[j], n, |k, p| {
                 let cardinal = 0.5 * rule.weights[j] * (2 * k + 1) as f64 * p;
@@ -65,7 +65,7 @@ impl Grid {
 
     fn plane(n: usize) -> Self {
         let rule = gauss_legendre(2 * n);
-        let mut to_nodes = [Mat::zeros(n, n), Mat::zeros(n, n)];
+        let mut to_nodes = [Matrix::zeros(n, n), Matrix::zeros(n, n)];
         for j in 0..n {
             legendre(rule.nodes[n + j], 2 * n, |k, p| {
                 to_nodes[k % 2][(j, k / 2)] = rule.weights[n + j] * (2 * k + 1) as f64 * p;
@@ -90,7 +90,7 @@ impl Grid {
     }
 
     /// See [`Grid`]: node values of a mode from its Legendre moments.
-    pub(super) fn to_nodes(&self, mode: usize) -> &Mat<f64> {
+    pub(super) fn to_nodes(&self, mode: usize) -> &Matrix {
         &self.to_nodes[mode % 2]
     }
 
@@ -104,9 +104,9 @@ impl Grid {
 
     /// The basis functions of both parities, one row for each polar angle θ ≥ 0 (plane: signed s): `rows[p][(k, j)]` is
     /// (s/s_j)ᵖ·ℓ_j(θ_k).
-    pub(super) fn cardinals(&self, theta: &[f64]) -> [Mat<f64>; 2] {
+    pub(super) fn cardinals(&self, theta: &[f64]) -> [Matrix; 2] {
         let n = self.len();
-        let mut rows = [Mat::<f64>::zeros(theta.len(), n), Mat::zeros(theta.len(), n)];
+        let mut rows = [Matrix::zeros(theta.len(), n), Matrix::zeros(theta.len(), n)];
         let mut values = vec![0.0; self.barycentric.len()];
         for (row, &theta) in theta.iter().enumerate() {
             self.cardinals_at(self.argument(theta), &mut values);
@@ -165,7 +165,7 @@ impl Grid {
         let [even, _] = self.cardinals(&theta);
         (0..n)
             .map(|j| {
-                let terms = theta.iter().zip(&fine.weights).zip(even.col(j).iter());
+                let terms = theta.iter().zip(&fine.weights).zip(even.column(j));
                 let integral: f64 = terms
                     .map(|((theta, w), l)| 0.5 * FRAC_PI_2 * w * theta.sin() * theta.powi(power) * l)
                     .sum();
@@ -184,11 +184,11 @@ fn barycentric(rule: &Rule) -> Vec<(f64, f64)> {
 
 /// Takes the rounding out of Σ_j to_nodes\[j, n\] = 0 for n ≥ `first`, which would cost n² ulps of energy at grazing and
 /// at the pole, where all P_n are ±1.
-fn close(to_nodes: &mut Mat<f64>, weights: &[f64], first: usize) {
-    for k in first..to_nodes.ncols() {
+fn close(to_nodes: &mut Matrix, weights: &[f64], first: usize) {
+    for k in first..to_nodes.columns() {
         for _ in 0..2 {
-            let excess: f64 = to_nodes.col(k).iter().sum();
-            for (value, w) in to_nodes.col_mut(k).iter_mut().zip(weights) {
+            let excess: f64 = to_nodes.column(k).iter().sum();
+            for (value, w) in to_nodes.column_mut(k).iter_mut().zip(weights) {
                 *value -= w * excess;
             }
         }
@@ -217,7 +217,10 @@ mod tests {
             let grid = Grid::new(geometry, 24);
             for theta in [0.0, 0.3, 1.2, 1.57] {
                 let [even, _] = grid.cardinals(&[theta]);
-                assert!((even.row(0).sum() - 1.0).abs() < 1e-12, "{geometry:?} {theta}"); // rounding × Lebesgue constant
+                assert!(
+                    ((0..24).map(|j| even[(0, j)]).sum::<f64>() - 1.0).abs() < 1e-12,
+                    "{geometry:?} {theta}"
+                ); // rounding × Lebesgue constant
             }
             let [even, odd] = grid.cardinals(&[grid.theta[5]]);
             for j in 0..24 {

@@ -3,12 +3,12 @@
 //! Column i of mode m is K_m\[j, i\] = Σ_facets w·P·ℓ_j(θ')·(s'/s_j)ᵖ·cos mΔφ: the expectation of cardinal function
 //! j after one event. It maps value functions back exactly, so that mass closes to rounding for any N.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, Par};
 use rayon::prelude::*;
 
 use super::facets::{Events, FATES, Fate, Interface, Outcomes, Part};
 use super::grid::Grid;
+use super::matrix::{Matrix, sum};
+use super::product::{Block, product};
 use crate::Geometry;
 
 /// Facets of one block of a deposit: what stays in the cache together.
@@ -18,13 +18,13 @@ const BLOCK: usize = 384;
 #[derive(Clone, Debug)]
 pub(super) struct Column {
     /// By [`Fate`]; `None` where no facet has that outcome.
-    pub(super) deposits: [Option<Mat<f64>>; 4],
+    pub(super) deposits: [Option<Matrix>; 4],
     /// Σ w·θ'ᵏ (plane: signed angle) of what is reflected away, k = 0…3.
     pub(super) reflected_powers: [f64; 4],
 }
 
 impl Column {
-    pub(super) fn deposit(&self, fate: Fate) -> Option<&Mat<f64>> {
+    pub(super) fn deposit(&self, fate: Fate) -> Option<&Matrix> {
         self.deposits[fate as usize].as_ref()
     }
 }
@@ -66,14 +66,14 @@ fn plane_column(interface: &Interface, grid: &Grid, theta: f64, scratch: &mut Sc
         if outcomes.weight.is_empty() {
             return None;
         }
-        let mut moments = Mat::<f64>::zeros(n, 2);
+        let mut moments = Matrix::zeros(n, 2);
         polynomials.resize(BLOCK * 2 * n, 0.0);
         for (weight, angle) in outcomes.weight.chunks(BLOCK).zip(outcomes.argument.chunks(BLOCK)) {
             halves.clear();
             halves.extend(angle.iter().map(|angle| 0.5 * (grid.argument(*angle) + 1.0)));
             fill_polynomials(weight, halves, 2 * n, polynomials);
             for (k, column) in polynomials.chunks_exact(weight.len()).take(2 * n).enumerate() {
-                moments[(k / 2, k % 2)] += scale * column.iter().sum::<f64>();
+                moments[(k / 2, k % 2)] += scale * sum(column);
             }
         }
         Some(to_nodes(grid, &moments))
@@ -90,17 +90,16 @@ fn add_powers(powers: &mut [f64; 4], weight: f64, angle: f64) {
 }
 
 /// Node values of all modes from their Legendre moments.
-fn to_nodes(grid: &Grid, moments: &Mat<f64>) -> Mat<f64> {
-    let modes = moments.ncols();
-    let mut nodes = Mat::zeros(grid.len(), modes);
+fn to_nodes(grid: &Grid, moments: &Matrix) -> Matrix {
+    let modes = moments.columns();
+    let mut nodes = Matrix::zeros(grid.len(), modes);
     for m in 0..modes.min(2) {
         // Both parities in one product each: columns of one parity, strided.
         let pick: Vec<usize> = (m..modes).step_by(2).collect();
-        let same = Mat::from_fn(grid.len(), pick.len(), |i, k| moments[(i, pick[k])]);
-        let mut product = Mat::zeros(grid.len(), pick.len());
-        matmul(product.as_mut(), Accum::Replace, grid.to_nodes(m).as_ref(), same.as_ref(), 1.0, Par::Seq);
+        let same = Matrix::from_columns(grid.len(), pick.iter().map(|&mode| moments.column(mode)));
+        let product = grid.to_nodes(m).times(&same);
         for (k, &mode) in pick.iter().enumerate() {
-            nodes.col_mut(mode).copy_from(product.col(k));
+            nodes.column_mut(mode).copy_from_slice(product.column(k));
         }
     }
     nodes
@@ -113,7 +112,7 @@ fn space_column(
     theta: f64,
     scratch: &mut Scratch,
 ) -> Column {
-    let mut deposits: [Option<Mat<f64>>; 4] = [const { None }; 4];
+    let mut deposits: [Option<Matrix>; 4] = [const { None }; 4];
     let [reflected_pole, refracted_pole] =
         [Part::ReflectedOnly, Part::RefractedOnly].map(|part| interface.pole(theta, part));
     // One set of facets for mode 0 of both parts, so that their energy adds up, and for the reflected light. A pole
@@ -154,7 +153,7 @@ fn space_column(
 
 /// Adds the modes `range` of one fate in the scratch's events to its deposit.
 fn add_deposit(
-    deposits: &mut [Option<Mat<f64>>; 4],
+    deposits: &mut [Option<Matrix>; 4],
     fate: Fate,
     grid: &Grid,
     range: (usize, usize),
@@ -174,7 +173,7 @@ fn add_deposit(
         &mut scratch.cosines,
     );
     match (&mut deposits[fate as usize], more) {
-        (Some(all), Some(more)) => *all += more,
+        (Some(all), Some(more)) => *all += &more,
         (none, more @ Some(_)) => *none = more,
         (_, None) => {}
     }
@@ -200,12 +199,12 @@ fn deposit(
     scale: f64,
     polynomials: &mut Vec<f64>,
     cosines: &mut Vec<f64>,
-) -> Option<Mat<f64>> {
+) -> Option<Matrix> {
     if outcomes.weight.is_empty() {
         return None;
     }
     let n = grid.len();
-    let mut moments = Mat::<f64>::zeros(n, modes);
+    let mut moments = Matrix::zeros(n, modes);
     let count = end.saturating_sub(first);
     if count > 0 {
         polynomials.resize(BLOCK * n, 0.0);
@@ -215,9 +214,9 @@ fn deposit(
             let size = stop - start;
             fill_polynomials(&outcomes.weight[start..stop], &outcomes.argument[start..stop], n, polynomials);
             fill_cosines(&outcomes.sine[start..stop], &outcomes.cosine[start..stop], end, cosines);
-            let a = faer::MatRef::from_column_major_slice(&polynomials[..size * n], size, n);
-            let c = faer::MatRef::from_column_major_slice(&cosines[size * first..size * end], size, count);
-            matmul(moments.as_mut().subcols_mut(first, count), Accum::Add, a.transpose(), c, scale, Par::Seq);
+            let polynomials = Block::new(polynomials, size, n).transposed();
+            let cosines = Block::new(&cosines[size * first..], size, count);
+            product(&mut moments.values_mut()[n * first..], n, true, scale, polynomials, cosines);
         }
     }
     Some(to_nodes(grid, &moments))

@@ -10,6 +10,9 @@
 mod facets;
 mod grid;
 mod kernel;
+mod lu;
+mod matrix;
+mod product;
 mod rehit;
 mod settings;
 mod smooth;
@@ -20,9 +23,9 @@ mod surface;
 
 use std::collections::HashMap;
 
-use faer::Mat;
 use rayon::prelude::*;
 
+pub use self::matrix::Matrix;
 pub use self::settings::{Cost, DoublingError, OPERATIONS, Settings, prices};
 pub use self::smooth::smooth;
 pub use self::solution::{Basis, ErrorEstimate, FAINT, Lobe, Solution};
@@ -33,7 +36,7 @@ use self::grid::Grid;
 use self::kernel::{Column, columns};
 use self::solution::ModeResult;
 use self::stack::{Element, Run, elements, runs};
-use self::star::{Mirror, Resolved, Slab, times};
+use self::star::{Mirror, Resolved, Slab};
 use crate::{Geometry, Light, Transport};
 
 /// Resolutions that [`solve_to`] tries, and of the light from below, whose accuracy is not promised.
@@ -326,26 +329,30 @@ fn solve_mode(
 ) -> ModeResult {
     let n = problem.grid.len();
     let gather = |fate: Fate| {
-        Mat::from_fn(n, incident.len(), |j, i| {
+        Matrix::from_fn(n, incident.len(), |j, i| {
             incident[i].deposit(fate).map_or(0.0, |deposit| deposit[(j, mode)])
         })
     };
     let top = problem.resolved(ambient, first, mode);
     let back_above = gather(Fate::ReflectedBack);
     let back_below = gather(Fate::RefractedBack);
-    let mut back = Mat::zeros(2 * n, incident.len());
-    back.subrows_mut(0, n).copy_from(&back_above);
-    back.subrows_mut(n, n).copy_from(&back_below);
+    let back = Matrix::from_fn(2 * n, incident.len(), |j, i| match j.checked_sub(n) {
+        None => back_above[(j, i)],
+        Some(j) => back_below[(j, i)],
+    });
     let finished = top.finish(&back);
     let rehit = top.finish_above(&back_above);
-    let entered = gather(Fate::Refracted) + finished.subrows(n, n);
+    let all = 0..incident.len();
+    let mut entered = gather(Fate::Refracted);
+    entered += &finished.part(n..2 * n, all.clone());
 
     let body = problem.body(mode);
     let slab = top.slab();
-    let down = star::refined_resolvent(&times(slab.r_below.as_ref(), body.r.as_ref()), &entered);
-    let up = times(body.r.as_ref(), down.as_ref());
-    let interior = finished.subrows(0, n) - &rehit + times(slab.t_below.as_ref(), up.as_ref());
-    let transmitted = times(body.t.as_ref(), down.as_ref());
+    let down = star::refined_resolvent(&slab.r_below.times(&body.r), &entered);
+    let up = body.r.times(&down);
+    let mut interior = finished.part(0..n, all).with(&rehit, |finished, rehit| finished - rehit);
+    interior += &slab.t_below.times(&up);
+    let transmitted = body.t.times(&down);
     ModeResult { interior, rehit, transmitted }
 }
 
@@ -366,7 +373,7 @@ mod tests {
             let slab = whole_slab(&transport, &grid, &settings);
             let below = solution.from_below.unwrap();
             for (k, lobe) in below.lobes.iter().enumerate() {
-                let sums = [&slab.r_below, &slab.t_below].map(|part| part.col(k).iter().sum::<f64>());
+                let sums = [&slab.r_below, &slab.t_below].map(|part| part.column(k).iter().sum::<f64>());
                 // Two orders of the same products: rounding.
                 assert!((lobe.albedo - sums[0]).abs() < 1e-11, "{geometry:?} {k}: {lobe:?} {sums:?}");
                 assert!((lobe.transmitted - sums[1]).abs() < 1e-11, "{geometry:?} {k}: {lobe:?} {sums:?}");

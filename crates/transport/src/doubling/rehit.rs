@@ -8,10 +8,10 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use faer::Mat;
 use thinfilm::quadrature::gauss_legendre;
 
 use super::grid::segment_rule;
+use super::matrix::Matrix;
 use super::surface::SingleReflection;
 use crate::{Geometry, Transport};
 
@@ -101,7 +101,7 @@ pub(super) struct RehitLobe {
     cosine: f64,
     sigma: f64,
     /// Rows: nodes of ln(1 + e/ε); columns: terms.
-    series: Mat<f64>,
+    series: Matrix,
     /// ln(1 + e/ε) of the highest exit that facets reach.
     range: f64,
 }
@@ -133,8 +133,8 @@ impl RehitLobe {
         // A grazing ray leaves at twice the facet's tilt.
         let highest = (2.0 * HALF_PERIOD * sigma).min(FRAC_PI_2).sin();
         let range = (highest / cosine).ln_1p();
-        let mut series = Mat::zeros(ROWS, TERMS);
-        let mut known: Option<(f64, Mat<f64>)> = None;
+        let mut series = Matrix::zeros(ROWS, TERMS);
+        let mut known: Option<(f64, Matrix)> = None;
         for (row, t) in gauss_legendre(ROWS).nodes.iter().enumerate() {
             let exit = along((cosine * (0.5 * range * (t + 1.0)).exp_m1()).min(1.0));
             let last: Vec<Turn> = lobes
@@ -162,8 +162,8 @@ impl RehitLobe {
     }
 
     /// f·cos θo at θ × φ.
-    pub(super) fn values(&self, theta: &[f64], phi: &[f64]) -> Mat<f64> {
-        let mut values = Mat::zeros(theta.len(), phi.len());
+    pub(super) fn values(&self, theta: &[f64], phi: &[f64]) -> Matrix {
+        let mut values = Matrix::zeros(theta.len(), phi.len());
         for (i, &theta) in theta.iter().enumerate() {
             let exit = theta.sin_cos();
             let t = 2.0 * (exit.1.max(0.0) / self.cosine).ln_1p() / self.range - 1.0;
@@ -184,7 +184,7 @@ impl RehitLobe {
 }
 
 /// The rows' polynomial at t, by the barycentric formula of Gauss–Legendre nodes: weights (−1)ʲ·√((1 − x²)w).
-fn interpolate(series: &Mat<f64>, t: f64) -> [f64; TERMS] {
+fn interpolate(series: &Matrix, t: f64) -> [f64; TERMS] {
     let rule = segment_rule(ROWS);
     let mut sum = [0.0; TERMS];
     let mut norm = 0.0;
@@ -262,26 +262,27 @@ fn lagrange(nodes: &[f64], top: f64, at: f64) -> Vec<f64> {
 }
 
 /// Light in each state (rows) at m = k·base (columns): all chains that end there.
-fn visits(first: &[Turn], again: &[Vec<(Turn, Vec<f64>)>], weight: &[f64], base: f64) -> Mat<f64> {
-    let mut arriving = Mat::<f64>::zeros(STATES, TERMS);
+fn visits(first: &[Turn], again: &[Vec<(Turn, Vec<f64>)>], weight: &[f64], base: f64) -> Matrix {
+    let mut arriving = Matrix::zeros(STATES, TERMS);
     for (state, turn) in first.iter().enumerate() {
         for (k, moment) in turn.moments(base).into_iter().enumerate() {
             arriving[(state, k)] = weight[state] * moment;
         }
     }
-    let steps: Vec<Mat<f64>> = again.iter().map(|step| step_matrix(step, base)).collect();
+    let steps: Vec<Matrix> = again.iter().map(|step| step_matrix(step, base)).collect();
     let mut all = arriving.clone();
     for _ in 0..60 {
-        let mut next = Mat::<f64>::zeros(STATES, TERMS);
-        for (from, step) in steps.iter().enumerate() {
-            for k in 0..TERMS {
-                for to in 0..STATES {
-                    next[(to, k)] += step[(to, k)] * arriving[(from, k)];
-                }
+        let mut next = Matrix::zeros(STATES, TERMS);
+        for k in 0..TERMS {
+            for (step, arriving) in steps.iter().zip(arriving.column(k)) {
+                next.column_mut(k)
+                    .iter_mut()
+                    .zip(step.column(k))
+                    .for_each(|(next, step)| *next += step * arriving);
             }
         }
         all += &next;
-        let size = |a: &Mat<f64>| a.col(0).iter().map(|value| value.abs()).sum::<f64>();
+        let size = |a: &Matrix| a.column(0).iter().map(|value| value.abs()).sum::<f64>();
         if size(&next) < 1e-13 * size(&all) {
             break;
         }
@@ -291,13 +292,11 @@ fn visits(first: &[Turn], again: &[Vec<(Turn, Vec<f64>)>], weight: &[f64], base:
 }
 
 /// Deposit (rows) of one step down at m = k·base (columns).
-fn step_matrix(step: &[(Turn, Vec<f64>)], base: f64) -> Mat<f64> {
-    let mut matrix = Mat::<f64>::zeros(STATES, TERMS);
+fn step_matrix(step: &[(Turn, Vec<f64>)], base: f64) -> Matrix {
+    let mut matrix = Matrix::zeros(STATES, TERMS);
     for (turn, deposit) in step {
         for (k, moment) in turn.moments(base).into_iter().enumerate() {
-            for (to, value) in deposit.iter().enumerate() {
-                matrix[(to, k)] += moment * value;
-            }
+            matrix.column_mut(k).iter_mut().zip(deposit).for_each(|(sum, value)| *sum += moment * value);
         }
     }
     matrix

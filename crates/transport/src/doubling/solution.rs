@@ -1,14 +1,13 @@
 //! What a solution holds, and how it is read.
 
-use faer::Mat;
 use rayon::prelude::*;
 
 use super::facets::Fate;
 use super::grid::Grid;
 use super::kernel::Column;
+use super::matrix::{Matrix, sum};
 use super::rehit::RehitLobe;
 use super::settings::Settings;
-use super::star::times;
 use super::surface::SingleReflection;
 use crate::{Geometry, Transport};
 
@@ -67,9 +66,9 @@ impl ErrorEstimate {
 
 /// One mode's share of the solution, columns by incidence.
 pub(super) struct ModeResult {
-    pub(super) interior: Mat<f64>,
-    pub(super) rehit: Mat<f64>,
-    pub(super) transmitted: Mat<f64>,
+    pub(super) interior: Matrix,
+    pub(super) rehit: Matrix,
+    pub(super) transmitted: Matrix,
 }
 
 /// Lobes of all incidences.
@@ -88,12 +87,12 @@ pub struct Solution {
     pub(super) grid: Grid,
     single: Vec<SingleReflection>,
     /// \[incidence\]: node densities, rows nodes, columns modes.
-    interior: Vec<Mat<f64>>,
+    interior: Vec<Matrix>,
     /// Plane: node densities of both parities.
-    rehit: Vec<Mat<f64>>,
+    rehit: Vec<Matrix>,
     /// Space: the lobe resolved in azimuth.
     rehit_lobes: Vec<Option<RehitLobe>>,
-    transmitted: Vec<Mat<f64>>,
+    transmitted: Vec<Matrix>,
 }
 
 /// Basis functions on a product grid of directions: turns a lobe's coefficients into values by two small products.
@@ -101,8 +100,8 @@ pub struct Solution {
 pub struct Basis {
     theta: Vec<f64>,
     phi: Vec<f64>,
-    rows: [Mat<f64>; 2],
-    columns: [Mat<f64>; 2],
+    rows: [Matrix; 2],
+    columns: [Matrix; 2],
 }
 
 impl Solution {
@@ -122,10 +121,10 @@ impl Solution {
             .zip(&single)
             .map(|(lobe, single)| RehitLobe::new(transport, grid.geometry, single, lobe.theta_i, lobe.rehit))
             .collect();
-        let collect = |pick: fn(&ModeResult) -> &Mat<f64>| {
+        let collect = |pick: fn(&ModeResult) -> &Matrix| {
             (0..theta_i.len())
                 .map(|i| {
-                    Mat::from_fn(grid.len(), modes.len(), |j, m| {
+                    Matrix::from_fn(grid.len(), modes.len(), |j, m| {
                         pick(&modes[m])[(j, i)] * grid.density_factor(j, m)
                     })
                 })
@@ -158,8 +157,8 @@ impl Solution {
         let rows = self.grid.cardinals(theta);
         let count = self.settings.modes_in(self.grid.geometry);
         let columns = [0, 1].map(|parity| match self.grid.geometry {
-            Geometry::Plane => Mat::full(1, 1, 1.0),
-            Geometry::Space => Mat::from_fn((count + 1 - parity) / 2, phi.len(), |k, f| {
+            Geometry::Plane => Matrix::from_fn(1, 1, |_, _| 1.0),
+            Geometry::Space => Matrix::from_fn((count + 1 - parity) / 2, phi.len(), |k, f| {
                 ((2 * k + parity) as f64 * phi[f]).cos()
             }),
         });
@@ -170,31 +169,31 @@ impl Solution {
     /// Density of the interior (what entered the stack and came back) of one incidence: rows θ, columns φ. Plane: per
     /// radian of s; space: f·cos θo, 1/sr. Truncation may leave it slightly negative where it is ≈ 0.
     #[must_use]
-    pub fn interior(&self, incidence: usize, basis: &Basis) -> Mat<f64> {
+    pub fn interior(&self, incidence: usize, basis: &Basis) -> Matrix {
         evaluate(&self.interior[incidence], basis)
     }
 
     /// Density of the transmitted light in the substrate, per radian of signed angle or per steradian.
     #[must_use]
-    pub fn transmitted(&self, incidence: usize, basis: &Basis) -> Mat<f64> {
+    pub fn transmitted(&self, incidence: usize, basis: &Basis) -> Matrix {
         evaluate(&self.transmitted[incidence], basis)
     }
 
     /// Density of what met interface 0 more than once and never entered.
     #[must_use]
-    pub fn rehit(&self, incidence: usize, basis: &Basis) -> Mat<f64> {
+    pub fn rehit(&self, incidence: usize, basis: &Basis) -> Matrix {
         match (&self.rehit_lobes[incidence], self.grid.geometry) {
             (_, Geometry::Plane) => evaluate(&self.rehit[incidence], basis),
             (Some(lobe), _) => lobe.values(&basis.theta, &basis.phi),
-            (None, _) => Mat::zeros(basis.theta.len(), basis.phi.len()),
+            (None, _) => Matrix::zeros(basis.theta.len(), basis.phi.len()),
         }
     }
 
     /// Density of what interface 0 reflected at its first facet: the closed form.
     #[must_use]
-    pub fn single(&self, incidence: usize, basis: &Basis) -> Mat<f64> {
+    pub fn single(&self, incidence: usize, basis: &Basis) -> Matrix {
         let lobe = &self.single[incidence];
-        Mat::from_fn(basis.theta.len(), basis.phi.len(), |k, f| match self.grid.geometry {
+        Matrix::from_fn(basis.theta.len(), basis.phi.len(), |k, f| match self.grid.geometry {
             Geometry::Plane => lobe.plane(basis.theta[k]),
             Geometry::Space => lobe.space(basis.theta[k], basis.phi[f]),
         })
@@ -217,22 +216,25 @@ impl Solution {
         let phi: Vec<f64> =
             (0..count).map(|f| std::f64::consts::PI * (f as f64 + 0.5) / count as f64).collect();
         let (fine_basis, coarse_basis) = (self.basis(&theta, &phi), coarse.basis(&theta, &phi));
-        let apart = |difference: Mat<f64>, light: f64| {
+        let apart = |difference: Matrix, light: f64| {
             let sum: f64 = (0..count)
-                .map(|f| difference.col(f).iter().zip(&weights).map(|(d, w)| w * d.abs()).sum::<f64>())
+                .map(|f| difference.column(f).iter().zip(&weights).map(|(d, w)| w * d.abs()).sum::<f64>())
                 .sum();
             0.5 * sum / count as f64 / light / 1.5
         };
         let total_variation = (0..self.lobes.len())
             .map(|i| {
-                let difference = self.interior(i, &fine_basis) - coarse.interior(i, &coarse_basis);
+                let difference =
+                    self.interior(i, &fine_basis).with(&coarse.interior(i, &coarse_basis), |a, b| a - b);
                 apart(difference, self.lobes[i].albedo.max(1e-300))
             })
             .collect();
         let through = if self.settings.both_sides { self.lobes.len() } else { 0 };
         let transmitted = (0..through)
             .map(|i| {
-                let difference = self.transmitted(i, &fine_basis) - coarse.transmitted(i, &coarse_basis);
+                let difference = self
+                    .transmitted(i, &fine_basis)
+                    .with(&coarse.transmitted(i, &coarse_basis), |a, b| a - b);
                 apart(difference, self.lobes[i].transmitted.max(FAINT))
             })
             .collect();
@@ -277,7 +279,7 @@ fn totals(
 ) -> Vec<Lobe> {
     let powers: Vec<Vec<f64>> = (0..4).map(|k| grid.power_weights(k)).collect();
     let lobe = |i: usize| {
-        let single: f64 = incident[i].deposit(Fate::Reflected).map_or(0.0, |deposit| deposit.col(0).sum());
+        let single: f64 = incident[i].deposit(Fate::Reflected).map_or(0.0, |deposit| sum(deposit.column(0)));
         let mut raw = incident[i].reflected_powers;
         raw[0] = single;
         for (k, moment) in raw.iter_mut().enumerate() {
@@ -286,9 +288,9 @@ fn totals(
                 *moment += power * (mode.interior[(j, i)] + mode.rehit[(j, i)]);
             }
         }
-        let rehit = modes[0].rehit.col(i).sum();
-        let transmitted = modes[0].transmitted.col(i).sum();
-        let albedo = single + rehit + modes[0].interior.col(i).sum();
+        let rehit = sum(modes[0].rehit.column(i));
+        let transmitted = sum(modes[0].transmitted.column(i));
+        let albedo = single + rehit + sum(modes[0].interior.column(i));
         let (mean, sd, skew) = central(raw);
         Lobe {
             theta_i: theta_i[i],
@@ -305,13 +307,15 @@ fn totals(
     (0..theta_i.len()).map(lobe).collect()
 }
 
-fn evaluate(coefficients: &Mat<f64>, basis: &Basis) -> Mat<f64> {
+fn evaluate(coefficients: &Matrix, basis: &Basis) -> Matrix {
     let parity = |p: usize| {
-        let modes = basis.columns[p].nrows();
-        let picked = Mat::from_fn(coefficients.nrows(), modes, |j, k| coefficients[(j, 2 * k + p)]);
-        times(times(basis.rows[p].as_ref(), picked.as_ref()).as_ref(), basis.columns[p].as_ref())
+        let modes = basis.columns[p].rows();
+        let picked = Matrix::from_fn(coefficients.rows(), modes, |j, k| coefficients[(j, 2 * k + p)]);
+        basis.rows[p].times(&picked).times(&basis.columns[p])
     };
-    parity(0) + parity(1)
+    let mut sum = parity(0);
+    sum += &parity(1);
+    sum
 }
 
 /// Mean, standard deviation and skewness from Σ pθᵏ.
