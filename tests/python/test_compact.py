@@ -20,6 +20,7 @@ sys.path.insert(0, str(ROOT / "tools" / "mitsuba"))
 mi = pytest.importorskip("mitsuba")
 OpenEXR = pytest.importorskip("OpenEXR")
 import pearl_mitsuba  # noqa: E402, F401
+import test_plugin  # noqa: E402
 
 RECIPES = ["paper", "akoya", "mother-of-pearl", "golden"]
 TABLES = [(recipe, azimuth) for recipe in RECIPES for azimuth in ("decay", "space")]
@@ -87,18 +88,12 @@ def pairs(count):
 
 
 def test_the_plugin_and_the_tool_expand_the_same_table(fitted):
-    mi.set_variant("scalar_rgb")
+    test_plugin.use_rgb()
     wi, wo = pairs(200)
     lines = "\n".join(json.dumps({"wi": a, "wo": b}) for a, b in zip(wi.tolist(), wo.tolist()))
     for name, (small, _) in fitted[1].items():
-        rust = [json.loads(line)["rgb"] for line in run("pearl", "eval", small, "--input", "-", input=lines).splitlines()]
-        bsdf = mi.load_dict({"type": "pearl", "filename": str(small)})
-        ctx, found = mi.BSDFContext(), []
-        for a, b in zip(wi, wo):
-            si = mi.SurfaceInteraction3f()
-            si.wi = mi.Vector3f(*a)
-            found.append(list(bsdf.eval(ctx, si, mi.Vector3f(*b))))
-        rust, found = np.array(rust), np.array(found)
+        rust = np.array([json.loads(line)["rgb"] for line in run("pearl", "eval", small, "--input", "-", input=lines).splitlines()])
+        found, _ = test_plugin.plugin(test_plugin.load(small), wi.astype(np.float32), wo.astype(np.float32))
         # The measure: relative where there is a thousandth of the peak.
         bright = rust > 1e-3 * rust.max()
         assert bright.sum() > 100

@@ -41,6 +41,11 @@ def use(variant):
     mi.set_variant(variant)
 
 
+def use_rgb():
+    """The variant that evaluates many pairs at a call, or the scalar one where there is no LLVM."""
+    mi.set_variant("scalar_rgb" if LLVM_MISSING else "llvm_ad_rgb")
+
+
 def run(tool, *args):
     done = subprocess.run([BIN / tool, *map(str, args)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

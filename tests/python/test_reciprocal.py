@@ -51,13 +51,8 @@ def tool(path, wi, wo):
 
 
 def plugin(path, wi, wo):
-    mi.set_variant("scalar_rgb")
-    bsdf, ctx, values = mi.load_dict({"type": "pearl", "filename": str(path), "depth": 0.0}), mi.BSDFContext(), []
-    for a, b in zip(wi, wo):
-        si = mi.SurfaceInteraction3f()
-        si.wi = mi.Vector3f(*a)
-        values.append(list(bsdf.eval(ctx, si, mi.Vector3f(*b))))
-    return np.array(values)
+    test_plugin.use_rgb()
+    return test_plugin.plugin(test_plugin.load(path, depth=0.0), wi.astype(np.float32), wo.astype(np.float32))[0]
 
 
 def test_the_defect_is_below_a_hundred_thousandth(table):

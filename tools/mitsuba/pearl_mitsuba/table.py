@@ -7,7 +7,7 @@ interface is a closed form (`facets`).
 import json
 import zlib
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -254,23 +254,27 @@ class Table:
         t = (step - k)[..., None]
         return 1.0 / (self.read_over_albedo[span, k] * (1.0 - t) + t * self.read_over_albedo[span, k + 1])
 
+    @cached_property
+    def _cells(self):
+        """The values in double precision, [cell of all rows, lobe]."""
+        return self.values.reshape(-1, 2).astype(float)
+
     def _read(self, theta_i, theta_o, y2):
         """f·cos θo of both lobes (last axis) at pairs of angles; y2 = sin²(φ/2). Short of the correction."""
-        theta_i, theta_o, y2 = np.broadcast_arrays(theta_i, theta_o, y2)
         columns = self.axis.columns_at(theta_i)
         last = len(self.theta) - 1
         node = np.clip(np.searchsorted(self.theta, theta_i, side="right") - 1, 0, max(last - 1, 0))
         following = np.minimum(node + 1, last)
         distance = np.where(following > node, self.theta[following] - self.theta[node], 1.0)
         t = np.clip((theta_i - self.theta[node]) / distance, 0.0, 1.0)[..., None]
-        values = self.values.astype(float)
+        rows = self.values.shape[1]
 
         def along(row, x):
             cell, fraction = neighbours(columns.position(x), columns.cells)
             fraction = fraction[..., None]
+            first = ((i * rows + row) * columns.cells + cell for i in (node, following))
             before, after = (
-                values[i, row, cell] * (1.0 - fraction) + fraction * values[i, row, cell + 1]
-                for i in (node, following)
+                self._cells.take(at, axis=0) * (1.0 - fraction) + fraction * self._cells.take(at + 1, axis=0) for at in first
             )
             return (1.0 - t) * before + t * after
 
@@ -284,6 +288,9 @@ class Table:
         return along(row, theta_o) * (1.0 - fraction) + fraction * along(row + 1, theta_o)
 
 
+_leggauss = cache(np.polynomial.legendre.leggauss)
+
+
 def _rule_between(ends):
     """Gauss–Legendre points, weights and row of all pieces between the ascending ends in each row.
 
@@ -294,7 +301,7 @@ def _rule_between(ends):
     count = np.clip(np.ceil(2.0 * half / _REACH), 1, _MOST_POINTS).astype(int)
     for n in range(1, _MOST_POINTS + 1):
         row, piece = np.nonzero((count == n) & (half > 0.0))
-        x, w = np.polynomial.legendre.leggauss(n)
+        x, w = _leggauss(n)
         points.append((middle[row, piece][:, None] + half[row, piece][:, None] * x).ravel())
         weights.append((half[row, piece][:, None] * w).ravel())
         rows.append(np.repeat(row, n))

@@ -23,7 +23,7 @@ cargo xtask long     the studies that take minutes to an hour: the main job agai
 fn main() -> ExitCode {
     let command = std::env::args().nth(1).unwrap_or_default();
     let outcome = match command.as_str() {
-        "test" => rust().and_then(|()| python_checks("tests/python")),
+        "test" => test(),
         "setup" => python::environment().map(drop),
         "rust" => rust(),
         "python" => python_checks("tests/python"),
@@ -45,6 +45,16 @@ fn main() -> ExitCode {
 /// The root of the checkout.
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).to_owned()
+}
+
+fn test() -> Result<()> {
+    // Python's packages come over the network while the compiler works.
+    std::thread::scope(|scope| {
+        let environment = scope.spawn(python::environment);
+        rust()?;
+        environment.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    })?;
+    python_checks("tests/python")
 }
 
 fn rust() -> Result<()> {
