@@ -192,13 +192,13 @@ pub(crate) fn small_bake(target: Target) -> Request {
     let effects = [Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect();
     let options = Options {
         effects: Effects::Listed(effects),
-        incident_deg: vec![40.0],
+        incident_deg: Some(vec![40.0]),
         target,
         seed: 3,
         event_cap: 1000,
         ..Options::default()
     };
-    Request { recipe, effects, options }
+    Request::of(recipe, effects, options).expect("a request")
 }
 
 /// Shard 1 or 2 of 2 of the small bake.

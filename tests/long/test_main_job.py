@@ -90,18 +90,6 @@ def test_accuracy_promised_and_reached(tmp_path):
     assert kept >= 8, kept
 
 
-def test_reading_half_way_is_within_the_accuracy(tmp_path):
-    """The default table between its nodes against doubling (1e-4) with nodes there."""
-    table = bake(tmp_path, "table", "--accuracy", 1)
-    truth = bake(tmp_path, "truth", "--solver", "doubling", "--accuracy", 0.01,
-                 "--incident-deg", degrees(np.arange(0.5, 90)))
-    reached = total_variation(truth, table)
-    accuracy = info(table)["accuracy"]
-    print(f"half-way: {reached:.3f} % (asked 1 %, stored {accuracy['reached_percent']:.3f} % at nodes, "
-          f"{accuracy['interpolation_percent']:.3f} % more between)")
-    assert reached <= 1
-
-
 STACKS = {
     "one_layer": {"stack": {"layers": 1}},
     "two_layers": {"stack": {"layers": 2}},

@@ -211,7 +211,7 @@ fn written(request: &Request, solver: SolverChoice) -> Result<(f64, f64, Table)>
 fn tables() -> Result<()> {
     let pearl = |list: &str, azimuth: AzimuthMode, step: usize| -> Result<Request> {
         let (effects, _) = Effects::parse(list)?;
-        let incident_deg = (0..=90).step_by(step).map(|angle| angle as f64).collect();
+        let incident_deg = Some((0..=90).step_by(step).map(|angle| angle as f64).collect());
         let target = Target::AccuracyPercent(3.0);
         let options = Options { effects, azimuth: Some(azimuth), incident_deg, target, ..Options::default() };
         Ok(Request::new(Recipe::default(), options)?)

@@ -20,7 +20,7 @@ pub const DEFAULT_EVENT_CAP: u32 = 10_000_000;
 /// use bake_brdf::options::{Options, SolverChoice, Target};
 ///
 /// let options = Options {
-///     incident_deg: vec![0.0, 30.0, 60.0],
+///     incident_deg: Some(vec![0.0, 30.0, 60.0]),
 ///     target: Target::AccuracyPercent(5.0),
 ///     solver: Some(SolverChoice::Auto),
 ///     ..Options::default()
@@ -33,11 +33,13 @@ pub struct Options {
     pub effects: Effects,
     /// Azimuth mode in place of the recipe's.
     pub azimuth: Option<AzimuthMode>,
-    /// Angles of incidence, degrees, ascending, within [0, 90].
-    pub incident_deg: Vec<f64>,
+    /// Angles of incidence, degrees, ascending, within [0, 90]; `None`: where lobes change, as few as the accuracy takes.
+    pub incident_deg: Option<Vec<f64>>,
+    /// Exit cells of an incidence: columns (θo), and in space rows (φ); `None`: as few as the accuracy takes.
+    pub cells: Option<[usize; 2]>,
     /// When the bake is finished.
     pub target: Target,
-    /// Who solves; `None`: the walk, or doubling where no path enters the stack.
+    /// Who solves, in place of the recipe's choice.
     pub solver: Option<SolverChoice>,
     /// Seed of the walk.
     pub seed: u64,
@@ -77,7 +79,8 @@ pub enum Target {
 }
 
 /// Who solves the transport problem.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "lowercase")]
 pub enum SolverChoice {
     /// The Monte Carlo walk.
     Walk,
@@ -109,12 +112,13 @@ pub enum Sides {
 }
 
 impl Default for Options {
-    /// The effects that the look calls for, at every degree of incidence to [`DEFAULT_ACCURACY_PERCENT`], with seed 1.
+    /// The effects that the look calls for, to [`DEFAULT_ACCURACY_PERCENT`], with seed 1.
     fn default() -> Self {
         Self {
             effects: Effects::Look,
             azimuth: None,
-            incident_deg: (0..=90).map(f64::from).collect(),
+            incident_deg: None,
+            cells: None,
             target: Target::AccuracyPercent(DEFAULT_ACCURACY_PERCENT),
             solver: None,
             seed: 1,
@@ -132,13 +136,14 @@ impl Options {
     /// The first field that is wrong.
     pub fn check(&self) -> Result<(), OptionError> {
         let refuse = |field, why: String| Err(OptionError::new(field, why));
-        let angles = &self.incident_deg;
-        if angles.is_empty() {
+        let angles = self.incident_deg.as_deref();
+        if angles.is_some_and(<[f64]>::is_empty) {
             return refuse(
                 "incident_deg",
                 "an empty list; expected at least one angle from 0 to 90".to_owned(),
             );
         }
+        let angles = angles.unwrap_or_default();
         if let Some(angle) = angles.iter().find(|angle| !(0.0..=90.0).contains(*angle)) {
             let why = format!("{angle} is not an angle of incidence; expected 0 to 90 degrees");
             return refuse("incident_deg", why);
@@ -162,8 +167,7 @@ impl Options {
             }
             _ => {}
         }
-        let doubles = matches!(self.solver, Some(SolverChoice::Doubling | SolverChoice::Auto));
-        if self.sides == Sides::Both && !doubles {
+        if self.sides == Sides::Both && self.solver == Some(SolverChoice::Walk) {
             let why = "the walk comes from above only; expected solver doubling or auto";
             return refuse("both_sides", why.to_owned());
         }
@@ -193,17 +197,17 @@ mod tests {
             options.check().unwrap_err().to_string()
         };
         for (line, field) in [
-            (refused(|o| o.incident_deg.clear()), "incident_deg"),
-            (refused(|o| o.incident_deg = vec![0.0, 91.0]), "incident_deg"),
-            (refused(|o| o.incident_deg = vec![f64::NAN]), "incident_deg"),
-            (refused(|o| o.incident_deg = vec![10.0, 10.0]), "incident_deg"),
+            (refused(|o| o.incident_deg = Some(Vec::new())), "incident_deg"),
+            (refused(|o| o.incident_deg = Some(vec![0.0, 91.0])), "incident_deg"),
+            (refused(|o| o.incident_deg = Some(vec![f64::NAN])), "incident_deg"),
+            (refused(|o| o.incident_deg = Some(vec![10.0, 10.0])), "incident_deg"),
             (refused(|o| o.target = Target::AccuracyPercent(0.0)), "accuracy"),
             (refused(|o| o.target = Target::AccuracyPercent(f64::NAN)), "accuracy"),
             (refused(|o| o.target = Target::Paths(0)), "paths"),
             (refused(|o| o.target = Target::Paths(MAX_PATHS + 1)), "paths"),
             (refused(|o| o.target = Target::Time(Duration::ZERO)), "time_budget"),
             (refused(|o| o.event_cap = 0), "event_cap"),
-            (refused(|o| o.sides = Sides::Both), "both_sides"),
+            (refused(|o| (o.sides, o.solver) = (Sides::Both, Some(SolverChoice::Walk))), "both_sides"),
         ] {
             assert!(line.starts_with(&format!("{field}: ")) && line.contains("expected"), "{line}");
         }

@@ -121,11 +121,8 @@ impl Plan {
                     Some(table) => table.request.effects = table.request.effects.union(set),
                     None => plan.tables.push(PlannedTable {
                         bands: Bands::own(&pearl.recipe),
-                        request: Request {
-                            recipe: pearl.recipe.clone(),
-                            effects: set,
-                            options: options.clone(),
-                        },
+                        request: Request::of(pearl.recipe.clone(), set, options.clone())
+                            .map_err(|why| PlanError { place: String::new(), why })?,
                         solver: SolverChoice::Walk,
                         cost: Cost::default(),
                     }),
@@ -219,8 +216,9 @@ pub fn costs(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<[
             take(Effect::Dispersion, without, &Bands::own(&request.recipe))?;
         }
         if set.contains(Effect::Azimuth) && request.recipe.azimuth.mode == AzimuthMode::Space {
-            let mut plane = request.clone();
-            plane.recipe.azimuth.mode = AzimuthMode::Decay;
+            let mut plane = request.recipe.clone();
+            plane.azimuth.mode = AzimuthMode::Decay;
+            let plane = Request::of(plane, set, request.options.clone())?;
             // Bands are chosen in the plane anyway.
             take(Effect::Azimuth, plane, bands)?;
         }
@@ -255,7 +253,7 @@ fn lobe_cost(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<C
     let cells = forecast.cells as f64;
     let each =
         if solver == SolverChoice::Doubling { prices::DOUBLING_CELL_BYTES } else { prices::WALK_CELL_BYTES };
-    let bytes = prices::INCIDENCE_BYTES * request.options.incident_deg.len() as u64 + (cells * each) as u64;
+    let bytes = prices::INCIDENCE_BYTES * request.grid.incident_deg.len() as u64 + (cells * each) as u64;
     let rows = prices::row_beside(request.geometry()) * forecast.rows as f64;
     Ok(Cost { seconds: forecast.seconds + rows, bytes })
 }

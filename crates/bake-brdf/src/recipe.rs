@@ -1,8 +1,10 @@
 //! The recipe: what a pearl is made of, as strict JSON (`pearl-recipe/1`).
 //!
-//! Every key is optional and has the paper's value as its default; unknown keys are refused. A parsed
+//! Every key is optional and has the paper's value as its default, but for `solver`, whose default is the cheaper one; unknown keys
+//! are refused. A parsed
 //! [`Recipe`] is always valid: [`Recipe::from_json`] checks ranges and names the field that is wrong.
 
+use crate::options::SolverChoice;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -40,6 +42,13 @@ pub struct Recipe {
     pub look: Look,
     /// The light that the transport problem is solved for.
     pub light: Light,
+    /// Who solves it, where a bake is not told otherwise.
+    #[serde(default = "cheapest")]
+    pub solver: SolverChoice,
+}
+
+const fn cheapest() -> SolverChoice {
+    SolverChoice::Auto
 }
 
 /// Layers and what surrounds them.
@@ -235,6 +244,8 @@ impl Default for Recipe {
             azimuth: Azimuth::default(),
             look: Look::default(),
             light: Light::default(),
+            // The method of the paper.
+            solver: SolverChoice::Walk,
         }
     }
 }

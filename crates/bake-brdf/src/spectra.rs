@@ -527,13 +527,13 @@ mod tests {
         {
             let set: EffectSet = effects.into_iter().chain(extra).collect();
             let options = Options {
-                incident_deg: vec![60.0],
+                incident_deg: Some(vec![60.0]),
                 target: Target::Paths(200_000),
                 seed: 2,
                 event_cap: 1_000_000,
                 ..Options::default()
             };
-            let request = Request { recipe: smooth.clone(), effects: set, options };
+            let request = Request::of(smooth.clone(), set, options).unwrap();
             let table = bake::walk(&request, &request.bands().unwrap(), &Observer::idle(), None).unwrap();
             let walk = walked(&smooth, Wanted::by_effects(set, false), smooth.wavelength()).unwrap();
             let expected = incoherent_reflectance(&walk, 60_f64.to_radians());

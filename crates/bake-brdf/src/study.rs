@@ -140,7 +140,7 @@ pub fn run(recipe: &Recipe, options: &Options, say: &dyn Fn(&str)) -> Result<Stu
         schema: "pearl-study/1",
         recipe: recipe.to_json(),
         threads: rayon::current_num_threads(),
-        incident_deg: options.incident_deg.clone(),
+        incident_deg: request(recipe, options, AzimuthMode::Decay)?.grid.incident_deg,
         slopes: slopes(&points),
         effects: effects(recipe, options)?,
         points,
@@ -161,15 +161,16 @@ impl Bench {
         azimuth: AzimuthMode,
         say: &dyn Fn(&str),
     ) -> Result<Self, BakeError> {
-        let request = request(recipe, options, azimuth);
+        let request = request(recipe, options, azimuth)?;
         request.options.check()?;
         let transport = request.transport()?;
         let axis = request.exit_axis();
         say(&format!("{azimuth:?}: truth"));
         let solution = doubling::solve_to(&transport, request.geometry(), &request.theta_i(), TRUTH, false)
             .map_err(|why| BakeError::Input(format!("study: no truth to compare with: {why}")))?;
-        let truth =
-            (0..options.incident_deg.len()).map(|i| reflected(cell_shares(&axis, &solution, i))).collect();
+        let truth = (0..request.grid.incident_deg.len())
+            .map(|i| reflected(cell_shares(&axis, &solution, i)))
+            .collect();
         Ok(Self { request, axis, truth })
     }
 
@@ -250,10 +251,11 @@ fn lobe_effects(recipe: &Recipe) -> EffectSet {
     EffectSet::by_look(recipe).without(Effect::Coherent).without(Effect::Emission)
 }
 
-fn request(recipe: &Recipe, options: &Options, azimuth: AzimuthMode) -> Request {
+/// Contenders are compared on the same rows and cells, whatever their accuracy.
+fn request(recipe: &Recipe, options: &Options, azimuth: AzimuthMode) -> Result<Request, BakeError> {
     let mut recipe = recipe.clone();
     recipe.azimuth.mode = azimuth;
-    Request { effects: lobe_effects(&recipe), recipe, options: options.clone() }
+    Request::of(recipe.clone(), lobe_effects(&recipe), options.clone())
 }
 
 fn walk(request: &Request, paths: u64) -> Result<Sampling, BakeError> {
@@ -320,8 +322,8 @@ fn least_squares(points: &[(f64, f64)]) -> (f64, f64) {
 /// # Errors
 /// A bad recipe.
 pub fn effects(recipe: &Recipe, options: &Options) -> Result<Vec<EffectCost>, BakeError> {
-    let options = Options { incident_deg: vec![30.0], ..options.clone() };
-    let base = request(recipe, &options, AzimuthMode::Decay);
+    let options = Options { incident_deg: Some(vec![30.0]), ..options.clone() };
+    let base = request(recipe, &options, AzimuthMode::Decay)?;
     let mut absorbing = base.clone();
     absorbing.recipe.stack.aragonite.k += 1e-5;
     if let Some(layers) = &mut absorbing.recipe.stack.explicit {
@@ -330,7 +332,7 @@ pub fn effects(recipe: &Recipe, options: &Options) -> Result<Vec<EffectCost>, Ba
     absorbing.effects = lobe_effects(&absorbing.recipe);
     let mut visible = base.clone();
     visible.recipe.facets.normals = transport::Normals::Visible;
-    let space = request(recipe, &options, AzimuthMode::Space);
+    let space = request(recipe, &options, AzimuthMode::Space)?;
     let mut double = base.clone();
     double.options.precision = Precision::F64;
     [

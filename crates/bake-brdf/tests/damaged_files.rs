@@ -446,6 +446,12 @@ fn damaged_state(changed: impl Fn(fn(&mut Snapshot)) -> Vec<u8>) -> Vec<Named> {
         ("more-paths-than-walked", changed(|s| s.state.tallies[0].paths += 1)),
         ("paths-without-end", changed(|s| s.state.tallies[0].paths = u64::MAX)),
         ("other-recipe", changed(|s| s.recipe = r#"{"stack":{"layers":0}}"#.to_owned())),
-        ("bad-incidence", changed(|s| s.options.incident_deg[0] = f64::NAN)),
+        ("bad-incidence", changed(|s| s.grid = s.grid.replace("40.0", "91.0"))),
+        (
+            "other-cells",
+            changed(|s| {
+                s.grid = r#"{"incident_deg":[40.0],"axis":{"kind":"plane","cells":2,"width":0.1}}"#.to_owned()
+            }),
+        ),
     ]
 }

@@ -22,10 +22,10 @@ fn walked(text: &str, effects: &[Effect]) -> Table {
 fn request(text: &str, target: Target, seed: u64, effects: &[Effect]) -> Request {
     let recipe = Recipe::from_json(text).expect("a valid recipe");
     let effects = effects.iter().copied().collect();
-    let incident_deg = ANGLES_DEG.to_vec();
+    let incident_deg = Some(ANGLES_DEG.to_vec());
     let effects_listed = Effects::Listed(effects);
     let options = Options { effects: effects_listed, incident_deg, target, seed, ..Options::default() };
-    Request { recipe, effects, options }
+    Request::of(recipe, effects, options).unwrap()
 }
 
 fn bands_of(request: &Request) -> Bands {

@@ -20,7 +20,8 @@ const SIGNIFICANCE: f64 = 1e-3;
 fn request(incident_deg: &[f64], target: Target, seed: u64) -> Request {
     let options = Options {
         effects: Effects::Listed([Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect()),
-        incident_deg: incident_deg.to_vec(),
+        incident_deg: Some(incident_deg.to_vec()),
+        cells: Some([128, 1]),
         target,
         seed,
         ..Options::default()

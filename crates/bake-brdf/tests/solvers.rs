@@ -131,7 +131,9 @@ fn light_from_below_meets_the_stack_upside_down() {
 #[test]
 fn both_sides_need_doubling() {
     let folder = tempfile::tempdir().unwrap();
-    for args in [&["--both-sides"][..], &["--both-sides", "--solver", "doubling", "--paths", "5"]] {
+    for args in
+        [&["--both-sides", "--solver", "walk"][..], &["--both-sides", "--solver", "doubling", "--paths", "5"]]
+    {
         let output = tool(folder.path(), args);
         let line = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!((output.status.code(), line.lines().count()), (Some(2), 1), "{args:?}: {line}");

@@ -458,9 +458,9 @@ fn paper(incident_deg: &[f64], target: Target) -> Request {
 }
 
 fn request(recipe: Recipe, effects: EffectSet, incident_deg: &[f64], target: Target) -> Request {
-    let incident_deg = incident_deg.to_vec();
+    let incident_deg = Some(incident_deg.to_vec());
     let options = Options { effects: Effects::Listed(effects), incident_deg, target, ..Options::default() };
-    Request { recipe, effects, options }
+    Request::of(recipe, effects, options).unwrap()
 }
 
 fn solution(incident_deg: &[f64]) -> Table {

@@ -12,7 +12,7 @@
 //!   is the same both ways;
 //! - beside them files of others: [`merl`] and [`tensor_file`].
 
-/// A small table for examples: the paper's pearl at twelve incidences, by doubling, as a compact file of `lut fit`.
+/// A small table for examples: the paper's pearl to 5 %, by doubling, as a compact file of `lut fit`.
 pub const EXAMPLE: &[u8] = include_bytes!("../data/paper-coarse.exr");
 
 pub mod error;

@@ -168,7 +168,10 @@ fn meta(exit_axis: ExitAxis) -> Meta {
             asked_percent: Some(1.0),
             reached_percent: 0.9,
             worst_theta_i_deg: 0.0,
-            interpolation_percent: 0.1,
+            solver_percent: 0.8,
+            rows_percent: 0.1,
+            cells_percent: Some(0.05),
+            components: None,
         },
         exit_axis,
         surface_model: SurfaceModel {

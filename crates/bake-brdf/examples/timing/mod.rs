@@ -67,7 +67,7 @@ pub(crate) fn request(
     recipe.azimuth.mode = azimuth;
     let options = Options {
         effects: Effects::Listed([Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect()),
-        incident_deg: incident_deg.to_vec(),
+        incident_deg: Some(incident_deg.to_vec()),
         target: Target::AccuracyPercent(percent),
         ..Options::default()
     };

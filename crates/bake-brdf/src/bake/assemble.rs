@@ -1,7 +1,8 @@
 //! From a solver's answer to a table: shares of light per cell become f·cos θo per steradian.
 
 use super::cells::cell_shares;
-use super::halfway::{self, Halfway, Row};
+use super::halfway::{self, Reading, Row};
+use super::reading::{self, Missed};
 use super::{BakeError, Bands, Request};
 use crate::bake::sampling::Sampling;
 use crate::effects::{Effect, EffectSet};
@@ -14,11 +15,11 @@ use lut_io::dispersion::{Band, Dispersion};
 use lut_io::measure;
 use lut_io::solver::{Doubling, Estimator, Interpolation, NoLobe, Solver, SolverSettings, Walk};
 use lut_io::table::{
-    Accuracy, AzimuthMode, Component, IncidenceSummary, Lobe, Meta, Parts, SCHEMA, SummaryErrors,
-    SurfaceModel, Table,
+    Accuracy, AzimuthMode, Component, ComponentAccuracy, IncidenceSummary, Lobe, Meta, Parts, SCHEMA,
+    SummaryErrors, SurfaceModel, Table,
 };
 use rayon::prelude::*;
-use transport::doubling::{self, ErrorEstimate, Lobe as SolvedLobe, Solution};
+use transport::doubling::{self, Lobe as SolvedLobe, Solution};
 use transport::{Normals, Transport};
 
 /// What a solver knows of one incidence.
@@ -26,7 +27,9 @@ pub(super) struct Incidence {
     pub(super) summary: IncidenceSummary,
     /// In the order of [`Component::ALL`].
     pub(super) components: [CellShares; 3],
-    /// Statistical part of the total variation.
+    /// Error of the solver.
+    pub(super) missed: Missed,
+    /// Its statistical part.
     pub(super) noise: f64,
 }
 
@@ -141,14 +144,14 @@ fn walked(request: &Request, transport: &Transport, sampling: &Sampling, band: u
     let axis = &request.exit_axis();
     let tallies = sampling.band_tallies(band);
     let incidences =
-        tallies.iter().zip(&request.options.incident_deg).enumerate().map(|(i, (tally, &theta_i_deg))| {
+        tallies.iter().zip(&request.grid.incident_deg).enumerate().map(|(i, (tally, &theta_i_deg))| {
             let spread = sampling.spread(band * tallies.len() + i);
+            let bound = tally.total_variation_bound(spread, tallies.len());
             Incidence {
-                summary: IncidenceSummary {
-                    accuracy_percent: 100.0 * tally.total_variation_bound(spread, tallies.len()),
-                    ..tally.summary(theta_i_deg)
-                },
+                summary: IncidenceSummary { accuracy_percent: 100.0 * bound, ..tally.summary(theta_i_deg) },
                 components: Component::ALL.map(|component| tally.component(component)),
+                // Components are counted like all light.
+                missed: Missed { all: bound, components: [bound; 3] },
                 noise: tally.total_variation_error(spread),
             }
         });
@@ -166,7 +169,7 @@ fn walked(request: &Request, transport: &Transport, sampling: &Sampling, band: u
             },
         })
     };
-    let halfway = |rows: &[Row]| {
+    let reading = |rows: &[Row]| {
         halfway::beside_walk(
             &request.recipe,
             transport,
@@ -177,69 +180,73 @@ fn walked(request: &Request, transport: &Transport, sampling: &Sampling, band: u
         )
         .unwrap_or_else(|| halfway::estimated(axis, rows))
     };
-    solved(request, transport, axis, settings, incidences.collect(), halfway)
+    solved(request, transport, axis, settings, incidences.collect(), reading)
 }
 
-/// The lobe of a doubling solution: of the request's incidences, then of the middles of some `intervals` between them.
+/// The lobe of a doubling solution: of the request's incidences, then of the middles between them.
 pub(super) fn doubled(
     request: &Request,
     transport: &Transport,
     axis: &ExitAxis,
     solution: &Solution,
-    intervals: &[usize],
 ) -> Solved {
-    let stored = request.options.incident_deg.len();
+    let stored = request.grid.incident_deg.len();
     let incidences: Vec<Incidence> = (0..stored)
         .into_par_iter()
         .map(|i| {
-            let summary = doubling_summary(solution, i, request.options.incident_deg[i]);
-            // The estimate is a total variation: spread over the cells in proportion to their light.
-            let relative = 2.0 * summary.accuracy_percent / 100.0;
-            let components = cell_shares(axis, solution, i).map(|share| CellShares {
-                std_error: share.iter().map(|share| relative * share).collect(),
-                count: vec![0; share.len()],
-                share,
+            let summary = doubling_summary(solution, i, request.grid.incident_deg[i]);
+            let missed = solver_part(solution, i);
+            let mut shares = cell_shares(axis, solution, i).into_iter();
+            let components = Component::ALL.map(|component| {
+                let share = shares.next().unwrap_or_default();
+                let own: f64 = share.iter().sum();
+                // The estimate is a total variation: spread over the cells in proportion to their light.
+                let light = missed.components[component as usize] * reading::allowed(own, summary.albedo);
+                let relative = 2.0 * light / own.max(f64::MIN_POSITIVE);
+                CellShares {
+                    std_error: share.iter().map(|share| relative * share).collect(),
+                    count: vec![0; share.len()],
+                    share,
+                }
             });
-            Incidence { summary, components, noise: 0.0 }
+            Incidence { summary, components, missed, noise: 0.0 }
         })
         .collect();
     let doubling::Settings { nodes, modes, reach, density, .. } = solution.settings;
     let settings =
         |interpolation| SolverSettings::Doubling(Doubling { density, interpolation, modes, nodes, reach });
-    let halfway = |rows: &[Row]| {
-        let middles: Vec<Row> = (stored..solution.lobes.len())
-            .into_par_iter()
-            .map(|i| Row::solved(&request.recipe, axis, solution, i))
-            .collect();
-        halfway::measured(axis, rows, intervals, &middles)
-    };
-    solved(request, transport, axis, settings, incidences, halfway)
+    let reading = |_: &[Row]| halfway::measured(&request.recipe, axis, solution, stored);
+    solved(request, transport, axis, settings, incidences, reading)
 }
 
 /// The lobe of a pearl that shows none.
 pub(super) fn dark(request: &Request, transport: &Transport, axis: &ExitAxis) -> Solved {
-    let incidences = request.options.incident_deg.iter().map(|&theta_i_deg| Incidence {
+    let incidences = request.grid.incident_deg.iter().map(|&theta_i_deg| Incidence {
         summary: IncidenceSummary { theta_i_deg, transmitted: 1.0, ..IncidenceSummary::default() },
         components: Component::ALL.map(|_| CellShares {
             share: vec![0.0; axis.cells()],
             std_error: vec![0.0; axis.cells()],
             count: vec![0; axis.cells()],
         }),
+        missed: Missed::default(),
         noise: 0.0,
     });
     let settings = |interpolation| SolverSettings::Dark { interpolation, lobe: NoLobe::None };
     solved(request, transport, axis, settings, incidences.collect(), |rows| halfway::estimated(axis, rows))
 }
 
+/// The solver's part of the error of one incidence.
+fn solver_part(solution: &Solution, i: usize) -> Missed {
+    let Some(error) = &solution.error else { return Missed::default() };
+    let [interior, rehit] = [0, 1].map(|k: usize| error.components[k][i]);
+    let lobe = &solution.lobes[i];
+    // The single reflection is exact: what the surface is off by is the re-hits'.
+    let surface = rehit * (lobe.rehit.max(0.0) / lobe.surface.max(f64::MIN_POSITIVE)).sqrt();
+    Missed { all: error.total_variation[i], components: [interior, surface, rehit] }
+}
+
 fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> IncidenceSummary {
-    let error = solution.error.clone().unwrap_or_else(|| ErrorEstimate {
-        total_variation: vec![0.0; solution.lobes.len()],
-        transmitted: Vec::new(),
-        albedo: 0.0,
-        mean: 0.0,
-        sd: 0.0,
-        skew: 0.0,
-    });
+    let error = solution.error.clone().unwrap_or_default();
     let std_error = SummaryErrors {
         albedo: error.albedo,
         transmitted: error.albedo,
@@ -250,7 +257,8 @@ fn doubling_summary(solution: &Solution, i: usize, theta_i_deg: f64) -> Incidenc
         sd_theta_o_deg: error.sd.to_degrees(),
         skew_theta_o: error.skew,
     };
-    summary(&solution.lobes[i], theta_i_deg, std_error, 100.0 * error.total_variation[i])
+    let accuracy = error.total_variation.get(i).copied().unwrap_or_default();
+    summary(&solution.lobes[i], theta_i_deg, std_error, 100.0 * accuracy)
 }
 
 /// Where nothing gets through, or nothing stays, sums of roundings end as often below zero as above; where facets beyond the
@@ -291,7 +299,7 @@ pub(super) fn solved(
     axis: &ExitAxis,
     settings: impl FnOnce(Interpolation) -> SolverSettings,
     mut incidences: Vec<Incidence>,
-    halfway: impl FnOnce(&[Row]) -> Halfway,
+    reading: impl FnOnce(&[Row]) -> Reading,
 ) -> Solved {
     let mut lobes: [Lobe; 3] = Default::default();
     let mut rows = Vec::new();
@@ -314,13 +322,21 @@ pub(super) fn solved(
         let shares: [&[f64]; 2] = [&interior.share, &surface.share];
         rows.push(Row::new(theta_i, width, &extents, weights, shares, incidence.noise));
     }
+    let solved_to = incidences.iter().map(|incidence| incidence.missed).fold(Missed::default(), Missed::max);
     let per_incidence: Vec<IncidenceSummary> =
         incidences.into_iter().map(|incidence| incidence.summary).collect();
-    let halfway = halfway(&rows);
+    let reading = reading(&rows);
+    let solver_settings = settings(reading.by());
     let band = Band {
         wavelength_nm: request.recipe.light.wavelength_nm,
-        solver_settings: settings(halfway.by),
-        accuracy: accuracy(request.options.target, halfway, &per_incidence),
+        accuracy: accuracy(
+            request.options.target,
+            solved_to,
+            reading,
+            solver_settings.solver(),
+            &per_incidence,
+        ),
+        solver_settings,
         surface_model: SurfaceModel {
             n_ambient: transport.indices[0],
             n_first: transport.indices[1],
@@ -369,15 +385,44 @@ pub(super) fn symmetrise(axis: &ExitAxis, extents: &[f64], shares: &mut CellShar
     }
 }
 
-fn accuracy(target: Target, halfway: Halfway, summaries: &[IncidenceSummary]) -> Accuracy {
+fn accuracy(
+    target: Target,
+    solved_to: Missed,
+    reading: Reading,
+    solver: Solver,
+    summaries: &[IncidenceSummary],
+) -> Accuracy {
     let worst = summaries.iter().max_by(|a, b| a.accuracy_percent.total_cmp(&b.accuracy_percent));
+    let (rows, cells) = match reading {
+        Reading::Measured { rows, cells } => (rows, Some(cells)),
+        Reading::Estimated(share) => (Missed { all: share, components: [0.0; 3] }, None),
+    };
+    let between_cells = cells.unwrap_or_default();
+    let read = |solver_part: f64, rows: f64, cells: f64| match solver {
+        Solver::Doubling => solver_part + rows + cells,
+        // Noise has no sign: at a row, and half-way between two, whose noise is halved in the square.
+        Solver::Walk => {
+            f64::max(solver_part.hypot(cells), (solver_part / std::f64::consts::SQRT_2).hypot(rows + cells))
+        }
+    };
+    let component = |component: Component| {
+        let of = |missed: &Missed| missed.components[component as usize];
+        100.0 * read(of(&solved_to), of(&rows), of(&between_cells))
+    };
     Accuracy {
         asked_percent: match target {
             Target::AccuracyPercent(percent) => Some(percent),
             Target::Paths(_) | Target::Time(_) => None,
         },
-        reached_percent: worst.map_or(0.0, |summary| summary.accuracy_percent),
+        reached_percent: 100.0 * read(solved_to.all, rows.all, between_cells.all),
         worst_theta_i_deg: worst.map_or(0.0, |summary| summary.theta_i_deg),
-        interpolation_percent: 100.0 * halfway.share,
+        solver_percent: 100.0 * solved_to.all,
+        rows_percent: 100.0 * rows.all,
+        cells_percent: cells.map(|cells| 100.0 * cells.all),
+        components: cells.map(|_| ComponentAccuracy {
+            interior_percent: component(Component::Interior),
+            rehit_percent: component(Component::Rehit),
+            surface_percent: component(Component::Surface),
+        }),
     }
 }

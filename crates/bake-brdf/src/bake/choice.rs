@@ -7,8 +7,8 @@
 //! `cargo run --release -p bake-brdf --example choice` tries the choice on requests that the fit of the prices has not seen.
 
 use super::effort::{self, Effort};
-use super::halfway::{self, Auxiliary};
-use super::{BakeError, Bands, COARSEST_DOUBLING, Request, walk_only};
+use super::halfway::Auxiliary;
+use super::{BakeError, Bands, COARSEST_DOUBLING, Request, SOLVER_SHARE, reading, walk_only};
 use crate::effects::Effect;
 use crate::options::{OptionError, Sides, SolverChoice, Target};
 use crate::prices::{self, ROWS, WALKED};
@@ -21,6 +21,8 @@ use transport::{Geometry, Normals, Transport};
 const FEW_SCOUTS: usize = 2;
 const SCOUTS: usize = 16;
 const CLEAR: f64 = 3.0;
+/// A walk that doubling beats by so much is worth a word.
+const TENFOLD: f64 = 10.0;
 /// Where doubling costs so many times the walk, a thousand paths an incidence are enough to tell.
 const BEYOND_DOUBT: f64 = 10.0;
 /// Layers up to which scouts cost no more than the probe that may save them.
@@ -70,19 +72,21 @@ pub(super) fn solver_seconds(geometry: Geometry, counts: &[f64]) -> f64 {
     prices::sum(counts, &doubling::prices(geometry))
 }
 
-/// Who solves a request: the one chosen; [`SolverChoice::Auto`] decided; without a choice the walk, or doubling where nothing is
-/// walked (one reflection needs no walk, but path counts and times are walked).
+/// Who solves a request: the one wanted, [`SolverChoice::Auto`] decided. What only reflects once is not walked to an accuracy, unless
+/// the options say so.
 ///
 /// # Errors
 /// A bad request.
 pub fn solver(request: &Request, bands: &Bands) -> Result<SolverChoice, BakeError> {
     let options = &request.options;
-    match options.solver {
-        Some(SolverChoice::Auto) if options.sides == Sides::Both => Ok(SolverChoice::Doubling),
-        Some(SolverChoice::Auto) if request.effects.has_lobe() => Ok(choose_solver(request, bands)?.0),
-        Some(choice @ (SolverChoice::Walk | SolverChoice::Doubling)) => Ok(choice),
-        _ if request.effects.contains(Effect::Blur) => Ok(SolverChoice::Walk),
-        _ if matches!(options.target, Target::AccuracyPercent(_)) => Ok(SolverChoice::Doubling),
+    let to_accuracy = matches!(options.target, Target::AccuracyPercent(_));
+    match request.wanted_solver() {
+        SolverChoice::Auto if options.sides == Sides::Both => Ok(SolverChoice::Doubling),
+        SolverChoice::Auto if request.effects.has_lobe() => Ok(choose_solver(request, bands)?.0),
+        SolverChoice::Auto if to_accuracy => Ok(SolverChoice::Doubling),
+        SolverChoice::Doubling => Ok(SolverChoice::Doubling),
+        SolverChoice::Walk if options.solver.is_some() => Ok(SolverChoice::Walk),
+        _ if to_accuracy && !request.effects.contains(Effect::Blur) => Ok(SolverChoice::Doubling),
         _ => Ok(SolverChoice::Walk),
     }
 }
@@ -101,38 +105,68 @@ pub(super) fn accuracy_percent(request: &Request) -> Result<f64, BakeError> {
     }
 }
 
+/// What is known of both solvers.
+enum Comparison {
+    /// One of them cannot, or need not; why, in one sentence.
+    Only(SolverChoice, String),
+    /// Seconds of one core of each; the walk's may be a bound from below.
+    Seconds { doubling: f64, nodes: usize, walk: f64, exact: bool },
+}
+
 /// Which solver is cheaper for a request at bands from [`Request::bands`], and why in one sentence.
 ///
 /// # Errors
 /// A bad request.
 pub fn choose_solver(request: &Request, bands: &Bands) -> Result<(SolverChoice, String), BakeError> {
+    Ok(match compare(request, bands)? {
+        Comparison::Only(solver, why) => (solver, why),
+        Comparison::Seconds { doubling, nodes, walk, exact } => {
+            let choice = if doubling <= walk { SolverChoice::Doubling } else { SolverChoice::Walk };
+            let about = if exact { "about" } else { "at least" };
+            let why = format!(
+                "doubling would take about {doubling:.2} s of one core, with {nodes} nodes, the walk {about} {walk:.2} s"
+            );
+            (choice, why)
+        }
+    })
+}
+
+/// One sentence on a walk that doubling would beat by [`TENFOLD`].
+///
+/// # Errors
+/// A bad request.
+pub fn advice(request: &Request, bands: &Bands) -> Result<Option<String>, BakeError> {
+    Ok(match compare(request, bands)? {
+        Comparison::Seconds { doubling, walk, .. } if walk >= TENFOLD * doubling => Some(format!(
+            "doubling would take about {doubling:.2} s of one core, this walk {walk:.1} s or more"
+        )),
+        _ => None,
+    })
+}
+
+fn compare(request: &Request, bands: &Bands) -> Result<Comparison, BakeError> {
     request.options.check()?;
+    let walk = |why: &str| Ok(Comparison::Only(SolverChoice::Walk, why.to_owned()));
     let Target::AccuracyPercent(percent) = request.options.target else {
-        return Ok((SolverChoice::Walk, "only the walk has a number of paths or a time".to_owned()));
+        return walk("only the walk has a number of paths or a time");
     };
     let transport = request.transport()?;
     if let Some(why) = walk_only(&transport) {
-        return Ok((SolverChoice::Walk, why.to_owned()));
+        return walk(why);
     }
     if transport.facets.slope_sd == 0.0 {
-        return Ok((SolverChoice::Doubling, "smooth interfaces have a closed form".to_owned()));
+        let why = "smooth interfaces have a closed form".to_owned();
+        return Ok(Comparison::Only(SolverChoice::Doubling, why));
     }
     let geometry = request.geometry();
     let settings = settings(&transport, geometry, percent / 100.0);
     if let Err(why) = check_doubling(request, &transport, percent / 100.0) {
-        return Ok((SolverChoice::Walk, format!("doubling is out of reach here: {why}")));
+        return walk(&format!("doubling is out of reach here: {why}"));
     }
     let bands = (1 + bands.further_nm.len()) as f64;
-    let by_doubling = bands * counts_of_doubling(request, &transport, percent / 100.0).seconds(geometry);
-    let (by_walk, exact) = walk_against(request, &transport, percent / 100.0, by_doubling / bands)?;
-    let by_walk = bands * by_walk;
-    let choice = if by_doubling <= by_walk { SolverChoice::Doubling } else { SolverChoice::Walk };
-    let about = if exact { "about" } else { "at least" };
-    let reason = format!(
-        "doubling would take about {by_doubling:.2} s of one core, with {} nodes, the walk {about} {by_walk:.2} s",
-        settings.nodes
-    );
-    Ok((choice, reason))
+    let doubling = bands * counts_of_doubling(request, &transport, percent / 100.0).seconds(geometry);
+    let (walk, exact) = walk_against(request, &transport, percent / 100.0, doubling / bands)?;
+    Ok(Comparison::Seconds { doubling, nodes: settings.nodes, walk: bands * walk, exact })
 }
 
 /// Seconds of one core that the walk takes in a band, known as well as the comparison with `by_doubling` needs, and whether that is more
@@ -155,7 +189,7 @@ fn walk_against(
     let beyond_doubt = |effort| by_doubling > BEYOND_DOUBT * seconds(effort);
     let few = seconds(effort::scout(request, accuracy, FEW_SCOUTS, beyond_doubt)?);
     let clear = few > CLEAR * by_doubling || by_doubling > CLEAR * few;
-    if clear || request.options.incident_deg.len() <= FEW_SCOUTS {
+    if clear || request.grid.incident_deg.len() <= FEW_SCOUTS {
         return Ok((few, true));
     }
     Ok((seconds(effort::scout(request, accuracy, SCOUTS, |_| false)?), true))
@@ -189,7 +223,7 @@ fn counts_of_walk(request: &Request, transport: &Transport, effort: Effort) -> W
     let own = [
         crossing_weight(request, transport) * effort.crossings,
         effort.paths,
-        request.options.incident_deg.len() as f64,
+        request.grid.incident_deg.len() as f64,
     ];
     WalkCounts { own, beside }
 }
@@ -222,7 +256,7 @@ fn beside_seconds(geometry: Geometry, beside: &[f64]) -> f64 {
 
 /// The settings that doubling starts with.
 pub(super) fn settings(transport: &Transport, geometry: Geometry, accuracy: f64) -> Settings {
-    Settings::for_accuracy(transport, geometry, accuracy.min(COARSEST_DOUBLING))
+    Settings::for_accuracy(transport, geometry, (SOLVER_SHARE * accuracy).min(COARSEST_DOUBLING))
 }
 
 /// Refuses what doubling would refuse before it begins.
@@ -239,8 +273,7 @@ pub(super) fn check_doubling(
 /// Incidences that doubling solves, radians: those asked for, and some half-way between them.
 fn solved_incidences(request: &Request) -> Vec<f64> {
     let mut theta_i = request.theta_i();
-    let intervals = halfway::intervals(&theta_i);
-    theta_i.extend(halfway::middles(&theta_i, &intervals));
+    theta_i.extend(reading::middles(&theta_i));
     theta_i
 }
 
@@ -285,7 +318,7 @@ mod tests {
         let text = format!(r#"{{"stack": {{"layers": {layers}}}, "facets": {{"slope_sd_deg": 2}}}}"#);
         let options = Options {
             effects: Effects::Listed([Effect::Surface, Effect::Blur, Effect::Azimuth].into_iter().collect()),
-            incident_deg: vec![0.0, 20.0, 40.0, 60.0, 80.0],
+            incident_deg: Some(vec![0.0, 20.0, 40.0, 60.0, 80.0]),
             target,
             ..Options::default()
         };
@@ -328,7 +361,7 @@ mod tests {
     fn doubling_takes_longer_for_more_layers_incidences_and_accuracy() {
         let of = |layers, percent, degrees: usize| {
             let mut request = request(layers, Target::AccuracyPercent(percent));
-            request.options.incident_deg = (0..=90).step_by(degrees).map(|angle| angle as f64).collect();
+            request.grid.incident_deg = (0..=90).step_by(degrees).map(|angle| angle as f64).collect();
             seconds(&request, SolverChoice::Doubling)
         };
         let base = of(40, 1.0, 10);

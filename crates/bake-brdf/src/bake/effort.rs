@@ -1,5 +1,6 @@
 //! How many paths a walk takes: for an accuracy, in a time, and what that costs before it is done.
 
+use super::grid::reading_shares;
 use super::sampling::{BLOCK, Sampling, Shard, Task};
 use super::{BakeError, Bands, Observer, Request};
 use crate::options::{OptionError, Target};
@@ -11,7 +12,7 @@ use std::time::Duration;
 const PILOT: u64 = 2 * CHUNK;
 /// Paths per incidence of an estimate that must cost next to nothing, and as many more as it takes for so many to come back: a lobe
 /// of fewer hides how wide it is, and with it how many it needs.
-const SCOUT_PATHS: u64 = 1024;
+const SCOUT_PATHS: u64 = 2048;
 const SCOUTS_BACK: u64 = 400;
 /// Incidences of the pilot of a forecast, and tasks of it for each thread: a last one that runs alone matters little.
 const FORECAST_INCIDENCES: usize = 8;
@@ -23,6 +24,12 @@ const PROBE_PATHS: u64 = 64;
 const AIM: f64 = 0.97;
 
 impl Sampling {
+    /// Share of the accuracy asked for that noise may take: with what reading between cells misses, added in the square, the whole.
+    fn noise_share(&self) -> f64 {
+        let [_, cells] = reading_shares(self.axis());
+        (1.0 - cells * cells).sqrt()
+    }
+
     /// Walks every incidence up to a number of paths.
     ///
     /// # Errors
@@ -49,7 +56,7 @@ impl Sampling {
         percent: f64,
         observer: &Observer<'_>,
     ) -> Result<(), BakeError> {
-        let accuracy = percent / 100.0;
+        let accuracy = self.noise_share() * percent / 100.0;
         self.walk_pilot(PILOT, observer)?;
         let mut targets = self.targets_for_accuracy(accuracy);
         (observer.forecast)(self.seconds_to(&targets));
@@ -102,7 +109,9 @@ impl Sampling {
         let pilot = if let Target::Paths(paths) = target { paths.min(PILOT) } else { PILOT };
         self.walk_pilot(pilot, observer)?;
         let targets: Vec<u64> = match target {
-            Target::AccuracyPercent(percent) => self.targets_for_accuracy(percent / 100.0),
+            Target::AccuracyPercent(percent) => {
+                self.targets_for_accuracy(self.noise_share() * percent / 100.0)
+            }
             Target::Paths(paths) => vec![paths; self.lobes()],
             Target::Time(budget) => self.targets_for_seconds(budget.as_secs_f64()),
         };
@@ -194,7 +203,8 @@ impl Sampling {
     fn effort(&self, accuracy: f64) -> Effort {
         let share = self.among() as f64 / self.incidences() as f64;
         let mut effort = Effort { crossings: 0.0, paths: 0.0 };
-        for (tally, target) in self.lobe_tallies().iter().zip(self.targets_for_accuracy(accuracy)) {
+        let targets = self.targets_for_accuracy(self.noise_share() * accuracy);
+        for (tally, target) in self.lobe_tallies().iter().zip(targets) {
             let paths = share * target.max(PILOT) as f64;
             effort.paths += paths;
             effort.crossings += paths * tally.crossings as f64 / tally.paths as f64;
@@ -326,7 +336,7 @@ pub(super) fn scout(
 /// What a walk to any accuracy at least has to do: its pilot. With one crossing a path, or half of the crossings that a few
 /// dozen paths have at up to `probed` incidences, which says enough of stacks so deep that a thousand paths take seconds.
 pub(super) fn least_effort(request: &Request, probed: Option<usize>) -> Result<Effort, BakeError> {
-    let paths = (PILOT * request.options.incident_deg.len() as u64) as f64;
+    let paths = (PILOT * request.grid.incident_deg.len() as u64) as f64;
     let Some(scouts) = probed else {
         return Ok(Effort { crossings: paths, paths });
     };
@@ -340,7 +350,7 @@ pub(super) fn least_effort(request: &Request, probed: Option<usize>) -> Result<E
 
 /// The walk of a request at `count` of its incidences at most.
 fn at_some(request: &Request, bands: &Bands, count: usize) -> Result<Sampling, BakeError> {
-    let angles = &request.options.incident_deg;
+    let angles = &request.grid.incident_deg;
     let request = request.at_incidences(spread_out(angles, count));
     let mut sampling = Sampling::of(&request, bands, Shard::WHOLE)?;
     sampling.set_among(angles.len());
@@ -369,7 +379,7 @@ mod tests {
             for mode in [AzimuthMode::Decay, AzimuthMode::Space] {
                 let mut recipe = Recipe::from_json(&text).unwrap();
                 recipe.azimuth.mode = mode;
-                let options = Options { incident_deg: vec![30.0], ..Options::default() };
+                let options = Options { incident_deg: Some(vec![30.0]), ..Options::default() };
                 let request = Request::new(recipe, options).unwrap();
                 let crossings = |enough: bool| scout(&request, 0.02, 1, |_| enough).unwrap().crossings;
                 let ratio = crossings(true) / crossings(false);

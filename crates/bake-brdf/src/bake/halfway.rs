@@ -3,32 +3,44 @@
 //! Where doubling costs next to nothing beside the bake, it solves the lobe half-way between incidences and the
 //! error is *measured* there. Else it is *estimated* from second differences of the table's own rows.
 
-use super::cells::cell_shares;
+use super::placing;
+use super::reading::{self, Missed};
 use crate::prices;
 use crate::recipe::Recipe;
 use lut_io::axis::ExitAxis;
 use lut_io::measure;
-use lut_io::monotone::Monotone;
 use lut_io::solver::Interpolation;
-use rayon::prelude::*;
 use transport::doubling::{Cost, Settings, Solution};
 use transport::{Geometry, Transport};
 
-/// Intervals looked at: the widest of this many equal parts of the range of incidences.
-const PARTS: usize = 8;
 /// Total variation of the auxiliary solution of a walk.
 const AUXILIARY_SHARE: f64 = 5e-3;
 /// An auxiliary solution may cost this share of the walk it belongs to, or so many seconds of one core if that is more: a ratio of
 /// counts that no clock enters.
 const AFFORDABLE: f64 = 0.1;
 const NEGLIGIBLE: f64 = 0.2;
-/// The error of reading half-way between two incidences, worst interval.
+
+/// What reading a table adds to the error of its rows, at worst.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Halfway {
-    /// Total variation, as a share of the reflected light.
-    pub share: f64,
-    /// How it is known: by solutions in the intervals of [`intervals`], or from the rows.
-    pub by: Interpolation,
+pub(super) enum Reading {
+    /// By a solution of the rows' incidences and of the middles between them.
+    Measured {
+        /// Between rows.
+        rows: Missed,
+        /// Between cells.
+        cells: Missed,
+    },
+    /// All light, read between rows, by the rows alone.
+    Estimated(f64),
+}
+
+impl Reading {
+    pub(super) const fn by(&self) -> Interpolation {
+        match self {
+            Self::Measured { .. } => Interpolation::Measured,
+            Self::Estimated(_) => Interpolation::Estimated,
+        }
+    }
 }
 
 /// All the light of one incidence, as a table of it is read.
@@ -59,16 +71,6 @@ impl Row {
             share.iter().zip(&factors).map(|(share, factor)| share * factor).collect()
         });
         Self { theta_i, values, width, weights, noise }
-    }
-
-    /// The row of a doubling solution.
-    pub(super) fn solved(recipe: &Recipe, axis: &ExitAxis, solution: &Solution, incidence: usize) -> Self {
-        let lobe = &solution.lobes[incidence];
-        let width = recipe.azimuth.decay_width_deg(lobe.sd.to_degrees()).to_radians();
-        let [interior, surface, _] = cell_shares(axis, solution, incidence);
-        let extents = measure::cell_extents(axis, lobe.theta_i);
-        let weights = measure::reading_weights(axis, lobe.theta_i, width);
-        Self::new(lobe.theta_i, width, &extents, weights, [&interior, &surface], 0.0)
     }
 
     fn integral(&self, values: &[f64]) -> f64 {
@@ -115,7 +117,7 @@ fn integral(weights: &[f64], values: &[f64]) -> f64 {
 /// From second differences: each inner row is predicted from its two neighbours. What that misses by is the error of
 /// linear interpolation over the double interval; over a single one it is a quarter. Towards either end it may go on
 /// growing as it did in the last step (lobes change fastest at grazing incidence).
-pub(super) fn estimated(axis: &ExitAxis, rows: &[Row]) -> Halfway {
+pub(super) fn estimated(axis: &ExitAxis, rows: &[Row]) -> Reading {
     let bends: Vec<f64> = rows.windows(3).map(|three| three[1].bent_by(axis, &three[0], &three[2])).collect();
     let beyond = |last: Option<&f64>, before: Option<&f64>| match (last, before) {
         (Some(&last), Some(&before)) if before > 0.0 => last * (last / before).clamp(1.0, 4.0),
@@ -124,51 +126,12 @@ pub(super) fn estimated(axis: &ExitAxis, rows: &[Row]) -> Halfway {
     };
     let ends = [beyond(bends.last(), bends.iter().rev().nth(1)), beyond(bends.first(), bends.get(1))];
     let share = 0.25 * bends.iter().chain(&ends).copied().fold(0.0, f64::max);
-    Halfway { share: share.min(1.0), by: Interpolation::Estimated }
-}
-
-/// Intervals (by the index of their first incidence) to look at: the last, and the widest of each part of the range.
-pub(super) fn intervals(theta_i: &[f64]) -> Vec<usize> {
-    let count = theta_i.len().saturating_sub(1);
-    let width = |i: usize| theta_i[i + 1] - theta_i[i];
-    let mut chosen: Vec<usize> = (0..PARTS.min(count))
-        .filter_map(|part| {
-            let parts = PARTS.min(count);
-            (part * count / parts..(part + 1) * count / parts).max_by(|&a, &b| width(a).total_cmp(&width(b)))
-        })
-        .chain(count.checked_sub(1))
-        .collect();
-    chosen.dedup();
-    chosen
-}
-
-/// The middles of [`intervals`].
-pub(super) fn middles(theta_i: &[f64], intervals: &[usize]) -> Vec<f64> {
-    intervals.iter().map(|&i| 0.5 * (theta_i[i] + theta_i[i + 1])).collect()
-}
-
-/// Measured in some `intervals` of the rows, whose middles are solved.
-pub(super) fn measured(axis: &ExitAxis, rows: &[Row], intervals: &[usize], middles: &[Row]) -> Halfway {
-    let nodes: Vec<f64> = rows.iter().map(|row| row.theta_i).collect();
-    let albedos = [0, 1].map(|component| {
-        Monotone::new(nodes.clone(), rows.iter().map(|row| row.albedos()[component]).collect())
-    });
-    let missed = intervals.iter().zip(middles).map(|(&i, middle)| {
-        let read = [0, 1].map(|component: usize| albedos[component].at(middle.theta_i));
-        middle.missed_by(axis, &rows[i], &rows[i + 1], read)
-    });
-    let worst = missed.fold(0.0, f64::max);
-    // Three digits are more than it is good for, and hide in which order a machine's matrix products add.
-    let share = format!("{worst:.2e}").parse().unwrap_or(worst);
-    Halfway { share, by: Interpolation::Measured }
+    Reading::Estimated(share.min(1.0))
 }
 
 /// An auxiliary doubling solution beside a walk.
 pub(super) struct Auxiliary {
-    /// Indices of the incidences before and after the middles, each once.
-    nodes: Vec<usize>,
-    intervals: Vec<usize>,
-    /// Of those, then of the middles, radians.
+    /// The incidences of the walk and the middles between them, radians.
     theta_i: Vec<f64>,
     pub(super) settings: Settings,
     /// What solving it costs.
@@ -191,18 +154,14 @@ impl Auxiliary {
         if super::walk_only(transport).is_some() {
             return None;
         }
-        let intervals = intervals(theta_i);
-        let mut nodes: Vec<usize> = intervals.iter().flat_map(|&i| [i, i + 1]).collect();
-        nodes.dedup();
-        let middles = middles(theta_i, &intervals);
-        let incidences: Vec<f64> = nodes.iter().map(|&i| theta_i[i]).chain(middles).collect();
+        let theta_i: Vec<f64> = theta_i.iter().copied().chain(reading::middles(theta_i)).collect();
         let settings = Settings::for_accuracy(transport, geometry, AUXILIARY_SHARE);
-        if incidences.is_empty() || settings.check(transport, geometry, &incidences).is_err() {
+        if settings.check(transport, geometry, &theta_i).is_err() {
             return None;
         }
-        let cost = settings.cost(transport, geometry, incidences.len());
+        let cost = settings.cost(transport, geometry, theta_i.len());
         let affordable = cost.seconds <= (AFFORDABLE * prices::CROSSING * crossings).max(NEGLIGIBLE);
-        affordable.then_some(Self { nodes, intervals, theta_i: incidences, settings, cost })
+        affordable.then_some(Self { theta_i, settings, cost })
     }
 }
 
@@ -214,34 +173,22 @@ pub(super) fn beside_walk(
     axis: &ExitAxis,
     theta_i: &[f64],
     crossings: u64,
-) -> Option<Halfway> {
+) -> Option<Reading> {
     let auxiliary = Auxiliary::of(transport, geometry, theta_i, crossings as f64)?;
-    let Auxiliary { nodes, intervals, theta_i, settings, .. } = &auxiliary;
-    let solution = transport::doubling::solve(transport, geometry, theta_i, settings).ok()?;
-    let rows: Vec<Row> =
-        (0..theta_i.len()).into_par_iter().map(|i| Row::solved(recipe, axis, &solution, i)).collect();
-    let (rows, middles) = rows.split_at(nodes.len());
-    let intervals: Vec<usize> =
-        intervals.iter().filter_map(|i| nodes.iter().position(|node| node == i)).collect();
-    Some(measured(axis, rows, &intervals, middles))
+    let solution =
+        transport::doubling::solve(transport, geometry, &auxiliary.theta_i, &auxiliary.settings).ok()?;
+    Some(measured(recipe, axis, &solution, theta_i.len()))
+}
+
+/// Measured from a solution of the rows' incidences and of the middles between them.
+pub(super) fn measured(recipe: &Recipe, axis: &ExitAxis, solution: &Solution, rows: usize) -> Reading {
+    let [rows, cells] = placing::missed(axis, recipe.azimuth, solution, rows);
+    Reading::Measured { rows, cells }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn intervals_are_the_widest_of_each_part_and_the_last() {
-        let even: Vec<f64> = (0..=90).map(f64::from).collect();
-        let chosen = intervals(&even);
-        assert_eq!((chosen.len(), chosen.last()), (8, Some(&89)));
-        assert_eq!(intervals(&[0.0, 1.0, 5.0, 6.0]), [0, 1, 2]);
-        assert_eq!(intervals(&[0.0]), [0_usize; 0]);
-        assert_eq!(intervals(&[]), [0_usize; 0]);
-        let mut uneven = even;
-        uneven.remove(40); // the interval from 39 to 41 is the widest
-        assert!(intervals(&uneven).contains(&39));
-    }
 
     #[test]
     fn a_lobe_that_bends_evenly_misses_a_quarter_half_way() {
@@ -256,7 +203,7 @@ mod tests {
         };
         let rows = [at(0.0), at(1.0), at(2.0), at(3.0)];
         let truth = at(1.5).missed_by(&axis, &rows[1], &rows[2], [1.0, 0.0]);
-        let found = estimated(&axis, &rows).share;
+        let Reading::Estimated(found) = estimated(&axis, &rows) else { panic!("from the rows alone") };
         assert!(truth > 1e-6 && (found / truth - 1.0).abs() < 1e-2, "{truth} {found}");
     }
 }

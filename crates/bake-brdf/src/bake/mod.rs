@@ -5,7 +5,10 @@ mod bands;
 pub(crate) mod cells;
 mod choice;
 mod effort;
+mod grid;
 mod halfway;
+mod placing;
+mod reading;
 pub mod reproduce;
 mod request;
 pub(crate) mod sampling;
@@ -15,7 +18,8 @@ pub mod snapshot;
 pub use crate::prices::{ROWS, WALKED};
 pub use bands::Bands;
 pub use cells::exit_axis;
-pub use choice::{Counts, choose_solver, counts, solver};
+pub use choice::{Counts, advice, choose_solver, counts, solver};
+pub use grid::Grid;
 pub use request::Request;
 pub use sampling::{Shard, State};
 
@@ -36,6 +40,8 @@ use transport::{Light, Transport};
 
 /// Loosest total variation that doubling is asked for: below this its own minimum resolution is finer anyway.
 const COARSEST_DOUBLING: f64 = 0.05;
+/// Share of the accuracy asked for that the solver takes of what reading between rows and cells leaves.
+const SOLVER_SHARE: f64 = 0.2;
 
 /// Why a bake gave no table.
 #[derive(Debug, thiserror::Error)]
@@ -153,7 +159,7 @@ pub fn bake(request: &Request, observer: &Observer<'_>) -> Result<Table, BakeErr
 /// Whether a doubling that fails may be walked instead.
 #[must_use]
 pub fn may_walk(request: &Request) -> bool {
-    request.options.solver == Some(SolverChoice::Auto) && request.options.sides == Sides::Above
+    request.wanted_solver() == SolverChoice::Auto && request.options.sides == Sides::Above
 }
 
 /// Bakes with adding and doubling to an accuracy, at bands from [`Request::bands`]: choosing them takes as long as solving a few.
@@ -219,12 +225,11 @@ fn doubled(
         let below = upside_down.map(|below| doubling::smooth(&below, &request.theta_i())).transpose()?;
         return Ok(second_side::smooth(request, transport, axis, &lobes, below.as_deref()));
     }
-    let share = (percent / 100.0).min(COARSEST_DOUBLING);
+    let share = (SOLVER_SHARE * percent / 100.0).min(COARSEST_DOUBLING);
     let mut theta_i = request.theta_i();
-    let intervals = halfway::intervals(&theta_i);
-    theta_i.extend(halfway::middles(&theta_i, &intervals));
+    theta_i.extend(reading::middles(&theta_i));
     let solution = doubling::solve_to(transport, request.geometry(), &theta_i, share, both_sides)?;
-    let solved = assemble::doubled(request, transport, axis, &solution, &intervals);
+    let solved = assemble::doubled(request, transport, axis, &solution);
     let below = solution.from_below.as_ref();
     Ok((solved, below.map(|below| second_side::of(request, transport, axis, &solution, below))))
 }
@@ -332,7 +337,7 @@ pub fn forecast(
         return Ok(Forecast { seconds: 0.0, paths: 0, bytes: 0, cells: 0, rows: 0 });
     }
     let transports = bands.transports(request)?;
-    let rows = (request.options.incident_deg.len() * transports.len()) as u64;
+    let rows = (request.grid.incident_deg.len() * transports.len()) as u64;
     let cells = request.exit_axis().cells() as u64 * rows;
     let threads = rayon::current_num_threads() as f64;
     let (solved, paths) = if solver == SolverChoice::Doubling {

@@ -5,7 +5,7 @@
 //! the paths that the table says it holds.
 
 use super::sampling::{Sampling, Shard};
-use super::{BakeError, Observer, Request, assemble};
+use super::{BakeError, Grid, Observer, Request, assemble};
 use crate::effects::{Effect, EffectSet, Effects};
 use crate::options::{DEFAULT_EVENT_CAP, Options, Sides, SolverChoice, Target};
 use crate::recipe::Recipe;
@@ -56,9 +56,10 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
         effects = effects.union(EffectSet::by_look(&recipe));
     }
     let options = Options {
+        cells: None,
         effects: Effects::Look,
         azimuth: None,
-        incident_deg: meta.per_incidence.iter().map(|at| at.theta_i_deg).collect(),
+        incident_deg: None,
         target: target(meta)?,
         solver: Some(if walked { SolverChoice::Walk } else { SolverChoice::Doubling }),
         seed: meta.seed,
@@ -67,7 +68,9 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
         sides: if meta.both_sides.is_some() { Sides::Both } else { Sides::Above },
     };
     options.check()?;
-    Ok(Request { recipe, effects, options })
+    let incident_deg = meta.per_incidence.iter().map(|at| at.theta_i_deg).collect();
+    let grid = Grid { incident_deg, axis: meta.exit_axis };
+    Ok(Request { recipe, effects, options, grid })
 }
 
 const fn exactly(precision: solver::Precision) -> Precision {
@@ -212,7 +215,7 @@ mod tests {
 
     fn baked(target: Target, incident_deg: &[f64]) -> Table {
         let recipe = Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap();
-        let incident_deg = incident_deg.to_vec();
+        let incident_deg = Some(incident_deg.to_vec());
         let options = Options { incident_deg, target, seed: 5, event_cap: 1000, ..Options::default() };
         let request = Request::new(recipe, options).unwrap();
         bake::walk(&request, &request.bands().unwrap(), &Observer::idle(), None).unwrap()

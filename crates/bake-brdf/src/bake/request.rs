@@ -1,8 +1,7 @@
 //! A request: a recipe, what of it is baked, and how well.
 
-use super::BakeError;
-use super::cells::exit_axis;
-use crate::effects::{Effect, EffectError, EffectSet, Effects, View};
+use super::{BakeError, Grid, exit_axis};
+use crate::effects::{Effect, EffectSet, Effects, View};
 use crate::options::{Options, Sides, SolverChoice};
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::spectra::{self, Colours, Wanted};
@@ -18,32 +17,58 @@ pub struct Request {
     pub effects: EffectSet,
     /// How well.
     pub options: Options,
+    /// Rows and cells.
+    pub grid: Grid,
 }
 
 impl Request {
     /// The request for a recipe under its own look.
     ///
     /// # Errors
-    /// A listed effect that this version does not simulate.
-    pub fn new(recipe: Recipe, options: Options) -> Result<Self, EffectError> {
+    /// A listed effect that this version does not simulate, or a bad request.
+    pub fn new(recipe: Recipe, options: Options) -> Result<Self, BakeError> {
         let view = View::of_look(&recipe.look);
         let (recipe, decisions) = options.decide(recipe, &view)?;
-        Ok(Self { recipe, effects: decisions.set(), options })
+        Self::of(recipe, decisions.set(), options)
+    }
+
+    /// The request for effects that are decided: places its grid.
+    ///
+    /// # Errors
+    /// A bad request.
+    pub fn of(recipe: Recipe, effects: EffectSet, options: Options) -> Result<Self, BakeError> {
+        let width = recipe.facets.slope_sd_deg.to_radians();
+        let geometry = geometry_of(&recipe);
+        let mut request = Self {
+            recipe,
+            effects,
+            options,
+            grid: Grid { incident_deg: Vec::new(), axis: exit_axis(geometry, width) },
+        };
+        request.grid = Grid::of(&request)?;
+        Ok(request)
+    }
+
+    /// Who is to solve: the options' choice, else the recipe's; both sides are for doubling alone.
+    #[must_use]
+    pub fn wanted_solver(&self) -> SolverChoice {
+        let of_recipe = match self.options.sides {
+            Sides::Above => self.recipe.solver,
+            Sides::Both => SolverChoice::Doubling,
+        };
+        self.options.solver.unwrap_or(of_recipe)
     }
 
     /// Plane or space, as the recipe's azimuth mode needs.
     #[must_use]
     pub fn geometry(&self) -> Geometry {
-        match self.recipe.azimuth.mode {
-            AzimuthMode::Decay => Geometry::Plane,
-            AzimuthMode::Space => Geometry::Space,
-        }
+        geometry_of(&self.recipe)
     }
 
     /// The exit cells of the table.
     #[must_use]
     pub fn exit_axis(&self) -> ExitAxis {
-        exit_axis(self.geometry(), self.recipe.facets.slope_sd_deg.to_radians())
+        self.grid.axis
     }
 
     /// The transport problem at the recipe's wavelength, of the effects that are baked.
@@ -85,14 +110,14 @@ impl Request {
     #[must_use]
     pub(super) fn at_incidences(&self, incident_deg: Vec<f64>) -> Self {
         let mut request = self.clone();
-        request.options.incident_deg = incident_deg;
+        request.grid.incident_deg = incident_deg;
         request
     }
 
     /// Angles of incidence, radians.
     #[must_use]
     pub fn theta_i(&self) -> Vec<f64> {
-        self.options.incident_deg.iter().map(|angle| angle.to_radians()).collect()
+        self.grid.incident_deg.iter().map(|angle| angle.to_radians()).collect()
     }
 
     /// The interference colours that the effects call for.
@@ -118,11 +143,13 @@ impl Request {
             let precision = self.transport().map(|transport| options.precision.resolve(&transport)).ok();
             let walk = (options.seed, options.event_cap, precision);
             let walk = (solver != SolverChoice::Doubling).then_some(walk);
-            (solver, &options.incident_deg, options.target, walk)
+            (solver, &self.grid, options.target, walk)
         });
+        // Who is preferred says nothing of what is solved.
+        let recipe = Recipe { solver, ..self.recipe.clone() };
         let content = serde_json::json!({
             "writer": concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")),
-            "recipe": self.recipe.to_json(),
+            "recipe": recipe.to_json(),
             "effects": self.effects,
             "lobe": lobe,
         });
@@ -132,5 +159,12 @@ impl Request {
             Sides::Above => hash,
             Sides::Both => hash + "-both-sides",
         }
+    }
+}
+
+const fn geometry_of(recipe: &Recipe) -> Geometry {
+    match recipe.azimuth.mode {
+        AzimuthMode::Decay => Geometry::Plane,
+        AzimuthMode::Space => Geometry::Space,
     }
 }

@@ -128,6 +128,11 @@ impl Sampling {
         self.among
     }
 
+    /// The exit cells.
+    pub(super) const fn axis(&self) -> &ExitAxis {
+        &self.axis
+    }
+
     /// Incidences that are walked.
     pub(super) const fn incidences(&self) -> usize {
         self.theta_i.len()

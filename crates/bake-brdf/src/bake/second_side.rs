@@ -4,6 +4,7 @@ use super::Request;
 use super::assemble::{Incidence, SecondSide, Solved, push_row, solved, summary, symmetrise};
 use super::cells::CellRule;
 use super::halfway;
+use super::reading::Missed;
 use crate::tally::{CellShares, Cells};
 use lut_io::axis::ExitAxis;
 use lut_io::both_sides::{BothSides, FromBelow, Passage, PerPassage};
@@ -34,22 +35,15 @@ pub(super) fn of(
     };
     let rows = |passage: Passage, i: usize, specular: f64| {
         let rule = CellRule::new(axis, specular);
-        let lobe = |side: &Solution, reflected: bool| {
-            let basis = side.basis(&rule.angles, &rule.azimuths);
-            if reflected {
-                let mut all = side.interior(i, &basis);
-                all += &side.rehit(i, &basis);
-                all += &side.single(i, &basis);
-                all
-            } else {
-                side.transmitted(i, &basis)
-            }
-        };
-        rule.shares(&match passage {
-            Passage::Transmitted => lobe(solution, false),
-            Passage::BelowReflected => lobe(below, true),
-            Passage::BelowTransmitted => lobe(below, false),
-        })
+        let side = if passage == Passage::Transmitted { solution } else { below };
+        let basis = side.basis(&rule.angles, &rule.azimuths);
+        if passage != Passage::BelowReflected {
+            return rule.shares(&side.transmitted(i, &basis));
+        }
+        let mut tabulated = side.interior(i, &basis);
+        tabulated += &side.rehit(i, &basis);
+        let single = rule.single_shares(side, i, &basis);
+        rule.shares(&tabulated).iter().zip(single).map(|(share, single)| share + single).collect()
     };
     second_side(request, transport, axis, [&solution.lobes, &below.lobes], &accuracy, &rows)
 }
@@ -68,8 +62,8 @@ fn second_side(
 ) -> SecondSide {
     let n = &transport.indices;
     // Solutions may hold further angles behind those of the request.
-    let below = &below[..request.options.incident_deg.len()];
-    let from_below = below.iter().zip(&request.options.incident_deg).enumerate();
+    let below = &below[..request.grid.incident_deg.len()];
+    let from_below = below.iter().zip(&request.grid.incident_deg).enumerate();
     let mut section = BothSides {
         n_ambient: n[0],
         n_substrate: n[n.len() - 1],
@@ -167,7 +161,7 @@ pub(super) fn smooth(
     };
     let incidences: Vec<Incidence> = lobes
         .iter()
-        .zip(&request.options.incident_deg)
+        .zip(&request.grid.incident_deg)
         .map(|(lobe, &theta_i_deg)| {
             let components = [lobe.albedo - lobe.surface, lobe.surface, 0.0].map(|light| CellShares {
                 share: beam(lobe.theta_i, light),
@@ -175,7 +169,7 @@ pub(super) fn smooth(
                 count: vec![0; axis.cells()],
             });
             let summary = summary(lobe, theta_i_deg, SummaryErrors::default(), 0.0);
-            Incidence { summary, components, noise: 0.0 }
+            Incidence { summary, components, missed: Missed::default(), noise: 0.0 }
         })
         .collect();
     let settings =

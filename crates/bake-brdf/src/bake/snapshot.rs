@@ -5,7 +5,7 @@
 //! the same bits as one uninterrupted bake.
 
 use super::sampling::{Sampling, Shard, State};
-use super::{BakeError, Observer, Request, assemble};
+use super::{BakeError, Grid, Observer, Request, assemble};
 use crate::effects::{EffectSet, Effects};
 use crate::options::{OptionError, Options, Target};
 use crate::recipe::Recipe;
@@ -33,6 +33,8 @@ pub struct Snapshot {
     pub effects: EffectSet,
     /// How well.
     pub options: Options,
+    /// Rows and cells (a [`Grid`] as JSON text).
+    pub grid: String,
     /// Which part of the bake this is.
     pub shard: Shard,
     /// What has been walked.
@@ -67,6 +69,7 @@ impl Snapshot {
             recipe: request.recipe.to_json().to_string(),
             effects: request.effects,
             options: request.options.clone(),
+            grid: serde_json::json!(request.grid).to_string(),
             shard,
             state,
         }
@@ -75,11 +78,12 @@ impl Snapshot {
     /// The request that the snapshot belongs to.
     ///
     /// # Errors
-    /// The recipe inside is not valid.
+    /// The recipe or the grid inside is not valid.
     pub fn request(&self) -> Result<Request, SnapshotError> {
         let recipe = Recipe::from_json(&self.recipe)
             .map_err(|why| SnapshotError::Damaged(format!("its recipe: {why}")))?;
-        Ok(Request { recipe, effects: self.effects, options: self.options.clone() })
+        let grid = Grid::from_json(&self.grid).map_err(SnapshotError::Damaged)?;
+        Ok(Request { recipe, effects: self.effects, options: self.options.clone(), grid })
     }
 
     /// Whether `other` is a part of the same bake; names the first difference.
@@ -93,7 +97,7 @@ impl Snapshot {
             (self.writer == other.writer, "the version of bake-brdf"),
             (self.recipe == other.recipe, "the recipe"),
             (self.effects == other.effects, "the list of effects"),
-            (ours.incident_deg == theirs.incident_deg, "the list of incidences"),
+            (self.grid == other.grid, "the grid of incidences and cells"),
             (ours.target == theirs.target, "the accuracy, path count or time"),
             (ours.seed == theirs.seed, "the seed"),
             (ours.event_cap == theirs.event_cap, "the event cap"),
@@ -153,20 +157,21 @@ impl Snapshot {
             return Err(damaged("its checksum is wrong (cut short or altered)"));
         }
         let snapshot: Self = postcard::from_bytes(body).map_err(|why| damaged(&why.to_string()))?;
-        snapshot.check().map_err(damaged)?;
+        let grid = Grid::from_json(&snapshot.grid).map_err(|why| damaged(&why))?;
+        snapshot.check(&grid).map_err(damaged)?;
         Ok(snapshot)
     }
 
     /// Whether a snapshot from a file can be gone on from: a right checksum only says that the file is as it was
     /// written.
-    fn check(&self) -> Result<(), &'static str> {
+    fn check(&self, grid: &Grid) -> Result<(), &'static str> {
         let Shard { index, count } = self.shard;
         let State { tallies, position, targets, .. } = &self.state;
         if index == 0 || index > count || count > MOST_SHARDS {
             return Err("its shard number is out of range");
         }
         // One tally an incidence and band.
-        let (lobes, incidences) = (tallies.len(), self.options.incident_deg.len());
+        let (lobes, incidences) = (tallies.len(), grid.incident_deg.len());
         let bands = lobes.checked_div(incidences).unwrap_or(0);
         if bands * incidences != lobes
             || bands > MOST_BANDS + 1
@@ -174,10 +179,12 @@ impl Snapshot {
         {
             return Err("it has other numbers of tallies than of incidences");
         }
+        if tallies.iter().any(|tally| tally.cells() != grid.axis.cells()) {
+            return Err("it has other cells than its grid");
+        }
         // A NaN would make a state that does not even belong to its own bake.
-        let angles = self.options.incident_deg.iter().all(|angle| (0.0..=90.0).contains(angle));
-        if !angles || matches!(self.options.target, Target::AccuracyPercent(percent) if percent.is_nan()) {
-            return Err("it has an incidence or an accuracy that no bake can have");
+        if matches!(self.options.target, Target::AccuracyPercent(percent) if percent.is_nan()) {
+            return Err("it has an accuracy that no bake can have");
         }
         if position.iter().chain(targets).any(|&paths| paths > MAX_PATHS) {
             return Err("it claims more paths than a bake can have");
@@ -287,7 +294,7 @@ mod tests {
     fn request(paths: u64) -> Request {
         let recipe = Recipe::from_json(r#"{"stack":{"layers":6}}"#).unwrap();
         let options = Options {
-            incident_deg: vec![0.0, 40.0, 80.0],
+            incident_deg: Some(vec![0.0, 40.0, 80.0]),
             target: Target::Paths(paths),
             seed: 3,
             event_cap: 1000,

@@ -13,13 +13,12 @@ use transport::walk::lanes::Precision;
 /// Flags that say what is baked, and how well.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct OptionsArgs {
-    /// Who solves: the Monte Carlo walk, the deterministic doubling, or whichever is cheaper [default: walk; doubling where
-    /// the effects leave only the surface; auto for a scene].
+    /// Who solves: the Monte Carlo walk, the deterministic doubling, or whichever is cheaper [default: the recipe's choice].
     #[arg(long, value_parser = one_of(&[
         ("walk", SolverChoice::Walk), ("doubling", SolverChoice::Doubling), ("auto", SolverChoice::Auto),
     ]))]
     solver: Option<SolverChoice>,
-    /// Total variation to reach at the worst incidence, per cent of the reflected light [default: 1].
+    /// Total variation of the lobe as it is read at any pair of angles, per cent of the reflected light [default: 1].
     #[arg(long, value_name = "PERCENT", group = "target", allow_negative_numbers = true)]
     accuracy: Option<f64>,
     /// Paths per incidence.
@@ -39,9 +38,13 @@ pub(crate) struct OptionsArgs {
     /// irregularity, body, texture; or all that the recipe has matter for.
     #[arg(long, value_name = "LIST")]
     effects: Option<String>,
-    /// Angles of incidence in degrees: numbers and FROM:TO:STEP, separated by commas [default: 0:90:1].
+    /// Angles of incidence in degrees: numbers and FROM:TO:STEP, separated by commas [default: where lobes change, as few as
+    /// the accuracy takes].
     #[arg(long, value_name = "LIST")]
     incident_deg: Option<String>,
+    /// Exit cells of an incidence: COLUMNS, or COLUMNSxROWS (azimuths) in space [default: as few as the accuracy takes].
+    #[arg(long, value_name = "CELLS", value_parser = cells)]
+    cells: Option<[usize; 2]>,
     /// Events after which a path is given up and booked as truncated.
     #[arg(long, value_name = "N", default_value_t = DEFAULT_EVENT_CAP)]
     event_cap: u32,
@@ -60,8 +63,8 @@ fn one_of<T: Copy + Send + Sync>(values: &'static [(&'static str, T)]) -> impl T
 }
 
 impl OptionsArgs {
-    /// The options; `default_solver` is what no `--solver` means.
-    pub(crate) fn options(&self, default_solver: Option<SolverChoice>) -> Result<Options, Stop> {
+    /// The options.
+    pub(crate) fn options(&self) -> Result<Options, Stop> {
         let (effects, listed_azimuth) = match self.effects.as_deref().map(Effects::parse).transpose() {
             Ok(parsed) => parsed.unwrap_or_default(),
             Err(why) => return Err(Stop::BadInput(format!("--{why}"))),
@@ -76,19 +79,29 @@ impl OptionsArgs {
         Ok(Options {
             effects,
             azimuth: self.azimuth.or(listed_azimuth),
-            incident_deg: incident_deg(self.incident_deg.as_deref())?,
+            incident_deg: self.incident_deg.as_deref().map(incident_deg).transpose()?,
             target: match (self.accuracy, self.paths, self.time_budget) {
                 (Some(percent), ..) => Target::AccuracyPercent(percent),
                 (_, Some(paths), _) => Target::Paths(paths),
                 (.., Some(seconds)) => Target::Time(duration("time-budget", seconds)?),
                 _ => default.target,
             },
-            solver: self.solver.or(default_solver),
+            cells: self.cells,
+            solver: self.solver,
             seed: self.seed,
             event_cap: self.event_cap,
             precision: self.precision,
             ..default
         })
+    }
+}
+
+/// `64x32`, or `64`, which has half as many rows.
+fn cells(text: &str) -> Result<[usize; 2], String> {
+    let number = |text: &str| text.parse().map_err(|_| format!("{text:?} is not a number of cells"));
+    match text.split_once('x') {
+        Some((columns, rows)) => Ok([number(columns)?, number(rows)?]),
+        None => number(text).map(|columns| [columns, columns.div_ceil(2)]),
     }
 }
 
@@ -103,9 +116,8 @@ pub(crate) fn duration(flag: &str, seconds: f64) -> Result<Duration, Stop> {
 /// Most angles of incidence of a list.
 const MOST_ANGLES: usize = 100_000;
 
-/// The angles of `--incident-deg`, ascending and distinct, or the default ones.
-pub(crate) fn incident_deg(list: Option<&str>) -> Result<Vec<f64>, Stop> {
-    let Some(list) = list else { return Ok(Options::default().incident_deg) };
+/// The angles of `--incident-deg`, ascending and distinct.
+pub(crate) fn incident_deg(list: &str) -> Result<Vec<f64>, Stop> {
     let mut angles = terminal::angles_deg("--incident-deg", list, MOST_ANGLES)?;
     angles.sort_by(f64::total_cmp);
     angles.dedup();
@@ -155,7 +167,7 @@ mod tests {
 
     #[test]
     fn lists_of_angles_take_numbers_and_ranges() {
-        let angles = |list| incident_deg(Some(list)).unwrap();
+        let angles = |list| incident_deg(list).unwrap();
         assert_eq!(angles("0:90:30,45,30"), [0.0, 30.0, 45.0, 60.0, 90.0]);
         assert_eq!(angles("89.9"), [89.9]);
     }

@@ -7,8 +7,9 @@ use super::progress::{seconds_text, watched};
 use super::say;
 use bake_brdf::bake::snapshot::{self, MOST_SHARDS};
 use bake_brdf::bake::{self, BakeError, Bands, Observer, Request, Shard};
-use bake_brdf::options::{Options, Sides, SolverChoice};
+use bake_brdf::options::{Options, Sides, SolverChoice, Target};
 use lut_io::Table;
+use lut_io::both_sides::Passage;
 use lut_io::solver::Solver;
 use serde_json::json;
 use std::fmt::Write as _;
@@ -43,7 +44,7 @@ pub(crate) struct BakeArgs {
     #[arg(long, value_name = "I/N", requires = "paths", conflicts_with = "scene")]
     shard: Option<String>,
     /// Also store what passes and what becomes of light from below, so that the body under the nacre can be changed without
-    /// baking again; needs --solver doubling (or auto).
+    /// baking again; solved by doubling.
     #[arg(long, conflicts_with_all = ["paths", "time_budget", "shard", "resume", "scene"])]
     both_sides: bool,
     /// Make the table reciprocal: f(a → b) = f(b → a) at any pair of directions, every albedo kept. Decay tables get one azimuth
@@ -55,7 +56,7 @@ pub(crate) struct BakeArgs {
     pub(super) dry_run: bool,
     /// Bake a table again from its own metadata and compare every bit; exit 3 if one differs. Writes nothing.
     #[arg(long, value_name = "FILE", conflicts_with_all = [
-        "recipe", "output", "solver", "target", "seed", "azimuth", "effects", "incident_deg", "event_cap", "precision",
+        "recipe", "output", "solver", "target", "seed", "azimuth", "effects", "incident_deg", "cells", "event_cap", "precision",
         "checkpoint", "checkpoint_every", "resume", "shard", "dry_run", "scene", "both_sides", "reciprocal",
     ])]
     pub(super) reproduce: Option<PathBuf>,
@@ -106,11 +107,9 @@ pub(super) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
 
 fn request(args: &BakeArgs) -> Result<Request, Stop> {
     let sides = if args.both_sides { Sides::Both } else { Sides::Above };
-    let options = Options { sides, ..args.options.options(None)? };
+    let options = Options { sides, ..args.options.options()? };
     let (recipe, _) = args::recipe(args.recipe.as_deref())?;
-    let request = Request::new(recipe, options).map_err(refuse)?;
-    request.options.check().map_err(refuse)?;
-    Ok(request)
+    Request::new(recipe, options).map_err(refuse)
 }
 
 /// The wavelengths at which the lobe is solved.
@@ -127,12 +126,22 @@ fn bands(request: &Request, reciprocal: bool) -> Result<Bands, Stop> {
 fn choose(request: &Request, bands: &Bands, manners: &Manners) -> Result<SolverChoice, Stop> {
     if bake::may_walk(request) && request.effects.has_lobe() {
         let (choice, reason) = bake::choose_solver(request, bands).map_err(refuse)?;
-        if !manners.quiet {
+        // Without an accuracy there was no choice, which who asked for one is told.
+        let asked = request.options.solver.is_some();
+        if !manners.quiet && (asked || matches!(request.options.target, Target::AccuracyPercent(_))) {
             say(&format!("solver {}: {reason}", choice.name()));
         }
         return Ok(choice);
     }
-    bake::solver(request, bands).map_err(refuse)
+    let solver = bake::solver(request, bands).map_err(refuse)?;
+    if solver == SolverChoice::Walk
+        && !manners.quiet
+        && request.effects.has_lobe()
+        && let Some(line) = bake::advice(request, bands).map_err(refuse)?
+    {
+        say(&format!("{line} (--solver doubling)"));
+    }
+    Ok(solver)
 }
 
 /// Solves a request and writes the table; the checkpoint of a walk lies beside `output` until that is done.
@@ -218,7 +227,7 @@ fn dry_run(request: &Request, bands: &Bands, solver: SolverChoice, manners: &Man
             "seconds": forecast.seconds,
             "paths": forecast.paths,
             "bytes": forecast.bytes,
-            "incidences": request.options.incident_deg.len(),
+            "incidences": request.grid.incident_deg.len(),
             "content_hash": request.content_hash(solver),
         }));
     }
@@ -229,7 +238,7 @@ fn dry_run(request: &Request, bands: &Bands, solver: SolverChoice, manners: &Man
     terminal::print(&format!(
         "{}: {} incidences, {how}, about {}, at most {:.1} MB; nothing written\n",
         request.recipe.name,
-        request.options.incident_deg.len(),
+        request.grid.incident_deg.len(),
         seconds_text(forecast.seconds),
         forecast.bytes as f64 / 1e6,
     ))
@@ -281,14 +290,37 @@ fn summary(table: &Table, output: &Path, seconds: f64) -> String {
     let asked = accuracy.asked_percent.map_or(String::new(), |asked| format!(" (asked: {asked} %)"));
     let _ = writeln!(
         text,
-        "\ntotal variation ≤ {:.2} %{asked}, worst at {}°; reading between incidences adds ≈ {:.2} %\nwritten: {}",
-        accuracy.reached_percent,
-        accuracy.worst_theta_i_deg,
-        accuracy.interpolation_percent,
-        output.display(),
+        "\ntotal variation as read ≤ {}{asked}: solver {}, between {} rows {}, between {} cells {}",
+        percent(accuracy.reached_percent),
+        percent(accuracy.solver_percent),
+        meta.per_incidence.len(),
+        percent(accuracy.rows_percent),
+        meta.exit_axis.cells(),
+        accuracy.cells_percent.map_or_else(|| "unknown".to_owned(), percent),
     );
-    if accuracy.asked_percent.is_some_and(|asked| accuracy.interpolation_percent > asked) {
-        text.push_str("between incidences the error is larger than asked for: give a finer --incident-deg\n");
+    if let Some(sides) = &meta.both_sides {
+        let [through, back, out] = Passage::ALL.map(|passage| sides.accuracy_percent(passage));
+        let _ = writeln!(
+            text,
+            "at the rows, what passes ≤ {}; from below, what returns ≤ {}, what passes ≤ {}",
+            percent(through),
+            percent(back),
+            percent(out)
+        );
     }
+    if accuracy.asked_percent.is_some_and(|asked| accuracy.reached_percent > asked) {
+        text.push_str("that is more than was asked for: leave out --incident-deg, or give it more angles\n");
+    }
+    let _ = writeln!(text, "written: {}", output.display());
     text
+}
+
+/// To two significant digits, rounded up: it is a bound.
+fn percent(percent: f64) -> String {
+    if percent <= 0.0 {
+        return "0 %".to_owned();
+    }
+    let digits = (1.0 - percent.log10().floor()).max(0.0) as usize;
+    let unit = 10_f64.powi(digits as i32);
+    format!("{:.digits$} %", (percent * unit).ceil() / unit)
 }

@@ -39,14 +39,15 @@ mod tests {
     #[test]
     fn options_at_fault_are_named_as_flags() {
         let line = |options: Options| {
-            let request = Request::new(Recipe::default(), options).unwrap();
-            let refused = doubling(&request, &Bands::own(&request.recipe)).unwrap_err();
+            let doubled = Request::new(Recipe::default(), options)
+                .and_then(|request| doubling(&request, &Bands::own(&request.recipe)));
+            let refused = doubled.unwrap_err();
             let Stop::BadInput(line) = refuse(refused) else { panic!("not bad input") };
             line
         };
         let default = Options::default;
         for (options, start) in [
-            (Options { incident_deg: vec![91.0], ..default() }, "--incident-deg: 91 "),
+            (Options { incident_deg: Some(vec![91.0]), ..default() }, "--incident-deg: 91 "),
             (Options { target: Target::AccuracyPercent(0.0), ..default() }, "--accuracy: 0 "),
             (Options { target: Target::Paths(9), ..default() }, "--solver: doubling "),
             (Options { event_cap: 0, ..default() }, "--event-cap: 0 "),

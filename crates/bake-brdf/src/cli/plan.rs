@@ -3,7 +3,6 @@
 use super::args::{self, OptionsArgs, SceneArgs};
 use super::errors::refuse_plan;
 use super::progress::seconds_text;
-use bake_brdf::options::SolverChoice;
 use bake_brdf::plan::{Plan, PlannedPearl};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
@@ -30,12 +29,12 @@ pub(crate) fn run(args: &PlanArgs, manners: &Manners) -> Outcome {
     let plan = match &args.scene.scene {
         Some(path) => {
             let scene = args.scene.read(path)?;
-            let options = args.options.options(Some(SolverChoice::Auto))?;
+            let options = args.options.options()?;
             pool.install(|| Plan::of_scene(&scene, &options))
         }
         None => {
             let (recipe, from) = args::recipe(args.recipe.as_deref())?;
-            let options = args.options.options(None)?;
+            let options = args.options.options()?;
             pool.install(|| Plan::of_recipe(recipe, &from, &options))
         }
     };

@@ -5,7 +5,7 @@ use super::checkpoint::Checkpoints;
 use super::errors::refuse_plan;
 use super::plan::report;
 use super::progress::seconds_text;
-use bake_brdf::options::{SolverChoice, Target};
+use bake_brdf::options::Target;
 use bake_brdf::plan::{Plan, PlannedTable};
 use bake_brdf::scene::{Baked, Scene};
 use serde_json::{Value, json};
@@ -27,7 +27,7 @@ struct Done {
 pub(crate) fn run(args: &BakeArgs, path: &Path, manners: &Manners) -> Outcome {
     let started = Instant::now();
     let scene = args.scene.read(path)?;
-    let options = args.options.options(Some(SolverChoice::Auto))?;
+    let options = args.options.options()?;
     let pool = manners.pool()?;
     let plan = pool.install(|| Plan::of_scene(&scene, &options)).map_err(refuse_plan)?;
     if args.dry_run || plan.tables.is_empty() {

@@ -29,7 +29,7 @@ pub(crate) struct StudyArgs {
 
 pub(crate) fn run(study: &StudyArgs, manners: &Manners) -> Outcome {
     let (recipe, _) = args::recipe(study.recipe.as_deref())?;
-    let incident_deg = args::incident_deg(study.incident_deg.as_deref())?;
+    let incident_deg = study.incident_deg.as_deref().map(args::incident_deg).transpose()?;
     let options = Options { incident_deg, ..Options::default() };
     let folder = &study.output;
     std::fs::create_dir_all(folder).map_err(|why| Stop::failure(format!("{}: {why}", folder.display())))?;

@@ -138,9 +138,7 @@ impl Shown {
         } else {
             effects
         };
-        let solver = options.solver.or(Some(SolverChoice::Auto));
-        let options = Options { solver, ..options.clone() };
-        let request = Request { recipe: pearl.recipe.clone(), effects, options };
+        let request = Request::of(pearl.recipe.clone(), effects, options.clone()).map_err(refuse)?;
         let bands = request.bands().map_err(refuse)?;
         let solver = bake::solver(&request, &bands).map_err(refuse)?;
         let costs = plan::costs(&request, &bands, solver).map_err(refuse)?;

@@ -103,9 +103,19 @@ fn azimuth(meta: &Meta) -> String {
 fn accuracy(meta: &Meta) -> String {
     let accuracy = &meta.accuracy;
     let asked = accuracy.asked_percent.map_or_else(String::new, |asked| format!(" ({asked} % asked)"));
+    let components = accuracy.components.map_or_else(String::new, |components| {
+        format!(
+            "; interior {:.3} %, re-hits {:.3} %, stored surface {:.3} % of √(all light · their own)",
+            components.interior_percent, components.rehit_percent, components.surface_percent
+        )
+    });
     format!(
-        "{:.3} % total variation at {}°{asked}, {:.3} % more between incidences",
-        accuracy.reached_percent, accuracy.worst_theta_i_deg, accuracy.interpolation_percent
+        "{:.3} % total variation as read{asked}: solver {:.3} % (at {}°), between rows {:.3} %, between cells {}{components}",
+        accuracy.reached_percent,
+        accuracy.solver_percent,
+        accuracy.worst_theta_i_deg,
+        accuracy.rows_percent,
+        accuracy.cells_percent.map_or_else(|| "unknown".to_owned(), |percent| format!("{percent:.3} %")),
     )
 }
 

@@ -125,8 +125,11 @@ pub enum ExitAxis {
 }
 
 impl ExitAxis {
-    /// Checks ranges.
-    pub(super) fn validate(&self) -> Result<(), FieldError> {
+    /// Checks that a table can have these cells.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn validate(&self) -> Result<(), FieldError> {
         let width = self.width();
         check("exit_axis.width", width, (MIN_WIDTH..=MAX_WIDTH).contains(&width), "1e-7 to π/6 radians")?;
         let columns = self.columns();

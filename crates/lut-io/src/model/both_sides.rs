@@ -113,6 +113,12 @@ impl BothSides {
         }
     }
 
+    /// Estimated total variation of a passage at its worst incidence, per cent.
+    #[must_use]
+    pub fn accuracy_percent(&self, passage: Passage) -> f64 {
+        self.from_below.iter().map(|below| below.accuracy_percent.of(passage)).fold(0.0, f64::max)
+    }
+
     /// Reading weights of a passage at every incidence, as [`measure::reading_weights`], incidence-major.
     #[must_use]
     pub fn weights(&self, passage: Passage, axis: &ExitAxis) -> Vec<f32> {

@@ -28,12 +28,12 @@ pub enum SolverSettings {
     Smooth {
         /// The closed form.
         closed_form: ClosedForm,
-        /// How `accuracy.interpolation_percent` is known.
+        /// How `accuracy.rows_percent` is known.
         interpolation: Interpolation,
     },
     /// No effect asks for a lobe: there is nothing to solve. Counts as [`Solver::Doubling`].
     Dark {
-        /// How `accuracy.interpolation_percent` is known.
+        /// How `accuracy.rows_percent` is known.
         interpolation: Interpolation,
         /// The lobe that is not there.
         lobe: NoLobe,
@@ -50,7 +50,7 @@ pub struct Walk {
     pub estimator: Estimator,
     /// Most events of a path.
     pub event_cap: u32,
-    /// How `accuracy.interpolation_percent` is known.
+    /// How `accuracy.rows_percent` is known.
     pub interpolation: Interpolation,
     /// Arithmetic of the geometry.
     pub precision: Precision,
@@ -65,7 +65,7 @@ pub struct Walk {
 pub struct Doubling {
     /// Density of the facet quadrature; 1 resolves every basis function in full.
     pub density: f64,
-    /// How `accuracy.interpolation_percent` is known.
+    /// How `accuracy.rows_percent` is known.
     pub interpolation: Interpolation,
     /// Azimuthal modes of the interior.
     pub modes: usize,

@@ -71,12 +71,33 @@ pub struct IncidenceSummary {
 pub struct Accuracy {
     /// What `--accuracy` asked for; `None` when paths or a time budget were given.
     pub asked_percent: Option<f64>,
-    /// Estimated error of the stored cells.
+    /// Of the lobe as it is read at any pair of angles.
     pub reached_percent: f64,
-    /// Incidence at which `reached_percent` was found, degrees.
+    /// Incidence at which the solver is worst, degrees.
     pub worst_theta_i_deg: f64,
-    /// Estimated further error of reading half-way between two incidences.
-    pub interpolation_percent: f64,
+    /// The solver's part: the error of the stored cells.
+    pub solver_percent: f64,
+    /// What reading between rows adds.
+    pub rows_percent: f64,
+    /// What reading between cells adds, where that is known.
+    pub cells_percent: Option<f64>,
+    /// Of each component as it is read, where that is known.
+    pub components: Option<ComponentAccuracy>,
+}
+
+/// Error of each component as it is read, at the worst incidence.
+///
+/// Per cent of √(all reflected light · the component's own): one with a hundredth of the light may be off by ten times as large a share
+/// of itself, as if it had been counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ComponentAccuracy {
+    /// Light that entered the stack and came back.
+    pub interior_percent: f64,
+    /// Light that met interface 0 more than once.
+    pub rehit_percent: f64,
+    /// The stored `surface`. Who has its single reflection in closed form is off by the error of the re-hits alone.
+    pub surface_percent: f64,
 }
 
 /// What the closed-form surface lobe needs: interface 0 and its facets.
@@ -182,7 +203,13 @@ impl Accuracy {
         let share = |field: &str, value: f64| check(field, value, value >= 0.0, "a number ≥ 0");
         share("accuracy.reached_percent", self.reached_percent)?;
         share("accuracy.worst_theta_i_deg", self.worst_theta_i_deg)?;
-        share("accuracy.interpolation_percent", self.interpolation_percent)
+        share("accuracy.solver_percent", self.solver_percent)?;
+        share("accuracy.rows_percent", self.rows_percent)?;
+        share("accuracy.cells_percent", self.cells_percent.unwrap_or(0.0))?;
+        let components = self.components.unwrap_or_default();
+        share("accuracy.components.interior_percent", components.interior_percent)?;
+        share("accuracy.components.rehit_percent", components.rehit_percent)?;
+        share("accuracy.components.surface_percent", components.surface_percent)
     }
 }
 

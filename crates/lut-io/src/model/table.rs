@@ -3,7 +3,9 @@
 use super::both_sides::{self, Passage};
 use super::dispersion::{self, Band};
 pub use super::meta::{AzimuthMode, Meta, SCHEMA};
-pub use super::summary::{Accuracy, Component, IncidenceSummary, Normals, SummaryErrors, SurfaceModel};
+pub use super::summary::{
+    Accuracy, Component, ComponentAccuracy, IncidenceSummary, Normals, SummaryErrors, SurfaceModel,
+};
 use crate::error::{FieldError, ensure};
 
 /// What a table is made of. Every channel holds `per_incidence.len() · axis.cells()` values, incidence-major, then

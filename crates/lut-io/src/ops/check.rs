@@ -2,6 +2,7 @@
 
 use crate::error::FieldError;
 use crate::model::axis::ExitAxis;
+use crate::model::both_sides::{BothSides, Passage};
 use crate::model::measure;
 use crate::model::solver::Solver;
 use crate::model::table::{Component, Normals, Table};
@@ -93,7 +94,22 @@ pub fn check(lobe: &Interpolant) -> Vec<Finding> {
     findings.extend(azimuth_at_normal_incidence(table));
     findings.push(reciprocity(lobe));
     findings.push(roughness(table));
+    findings.extend(table.meta().both_sides.as_ref().map(both_sides));
     findings
+}
+
+/// The accuracy asked for is that of light from above that comes back: the other lobes have their own.
+fn both_sides(sides: &BothSides) -> Finding {
+    let mut worst = Worst::new();
+    for below in &sides.from_below {
+        for passage in Passage::ALL {
+            worst.note(below.accuracy_percent.of(passage) / 100.0, below.theta_i_deg);
+        }
+    }
+    worst.told(
+        "both_sides",
+        "estimated total variation of the worst of what passes and of what comes from below",
+    )
 }
 
 fn energy(table: &Table) -> Finding {

@@ -105,40 +105,52 @@ impl Grid {
     /// The basis functions of both parities, one row for each polar angle θ ≥ 0 (plane: signed s): `rows[p][(k, j)]` is
     /// (s/s_j)ᵖ·ℓ_j(θ_k).
     pub(super) fn cardinals(&self, theta: &[f64]) -> [Matrix; 2] {
+        let all = self.cardinals_at(&theta.iter().map(|&theta| self.argument(theta)).collect::<Vec<f64>>());
         let n = self.len();
-        let mut rows = [Matrix::zeros(theta.len(), n), Matrix::zeros(theta.len(), n)];
-        let mut values = vec![0.0; self.barycentric.len()];
-        for (row, &theta) in theta.iter().enumerate() {
-            self.cardinals_at(self.argument(theta), &mut values);
-            let sine = theta.sin();
-            for j in 0..n {
-                [rows[0][(row, j)], rows[1][(row, j)]] = match self.geometry {
-                    // Node j and its mirror image.
-                    Geometry::Plane => {
-                        let (value, mirrored) = (values[n + j], values[n - 1 - j]);
-                        [value + mirrored, value - mirrored]
-                    }
-                    Geometry::Space => [values[j], values[j] * sine / self.theta[j].sin()],
-                };
+        if self.geometry == Geometry::Space {
+            let sines: Vec<f64> = theta.iter().map(|theta| theta.sin()).collect();
+            let mut odd = all.clone();
+            for (j, node) in self.theta.iter().enumerate() {
+                let inverse = 1.0 / node.sin();
+                let column = odd.column_mut(j).iter_mut().zip(&sines);
+                column.for_each(|(value, sine)| *value *= sine * inverse);
             }
+            return [all, odd];
         }
-        rows
+        // Node j and its mirror image.
+        let pair = |sign: f64| {
+            let mut rows = Matrix::zeros(theta.len(), n);
+            for j in 0..n {
+                let pairs = all.column(n + j).iter().zip(all.column(n - 1 - j));
+                rows.column_mut(j).iter_mut().zip(pairs).for_each(|(row, (a, b))| *row = a + sign * b);
+            }
+            rows
+        };
+        [pair(1.0), pair(-1.0)]
     }
 
-    /// All cardinal functions of the rule at t, by the barycentric formula: as many operations as nodes, and stable where
-    /// t comes near one of them (Berrut & Trefethen, SIAM Review 46, 2004, 501).
-    fn cardinals_at(&self, t: f64, values: &mut [f64]) {
-        if let Some(hit) = self.barycentric.iter().position(|(node, _)| *node == t) {
-            values.fill(0.0);
-            values[hit] = 1.0;
-            return;
+    /// All cardinal functions of the rule at each t (rows), by the barycentric formula: as many operations as nodes, and stable
+    /// where t comes near one of them (Berrut & Trefethen, SIAM Review 46, 2004, 501).
+    fn cardinals_at(&self, t: &[f64]) -> Matrix {
+        let mut all = Matrix::zeros(t.len(), self.barycentric.len());
+        let mut sums = vec![0.0; t.len()];
+        for (j, (node, weight)) in self.barycentric.iter().enumerate() {
+            for ((value, sum), t) in all.column_mut(j).iter_mut().zip(&mut sums).zip(t) {
+                *value = weight / (t - node);
+                *sum += *value;
+            }
         }
-        let mut sum = 0.0;
-        for (value, (node, weight)) in values.iter_mut().zip(&self.barycentric) {
-            *value = weight / (t - node);
-            sum += *value;
+        let scale: Vec<f64> = sums.iter().map(|sum| 1.0 / sum).collect();
+        for j in 0..self.barycentric.len() {
+            all.column_mut(j).iter_mut().zip(&scale).for_each(|(value, scale)| *value *= scale);
         }
-        values.iter_mut().for_each(|value| *value /= sum);
+        // On a node the formula is ∞/∞.
+        for (row, _) in sums.iter().enumerate().filter(|(_, sum)| !sum.is_finite()) {
+            for (j, (node, _)) in self.barycentric.iter().enumerate() {
+                all[(row, j)] = if *node == t[row] { 1.0 } else { 0.0 };
+            }
+        }
+        all
     }
 
     /// Factor that turns the deposit at node j of a mode into the density there: per radian of s (plane), per

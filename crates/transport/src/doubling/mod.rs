@@ -36,7 +36,7 @@ use self::grid::Grid;
 use self::kernel::{Column, columns};
 use self::solution::ModeResult;
 use self::stack::{Element, Run, elements, runs};
-use self::star::{Mirror, Resolved, Slab};
+use self::star::{Mirror, Resolved, Resolvent, Slab};
 use crate::{Geometry, Light, Transport};
 
 /// Resolutions that [`solve_to`] tries, and of the light from below, whose accuracy is not promised.
@@ -177,51 +177,163 @@ fn solve_side(
     settings: &Settings,
 ) -> Result<Solution, DoublingError> {
     settings.check(transport, geometry, theta_i)?;
-    if transport.sheets.is_some() {
-        return Err(DoublingError::WalkOnly("coherent sheets are walked only: use the walk"));
-    }
-    match (transport.light, geometry) {
-        (Light::Unpolarised, _) | (Light::S | Light::P, Geometry::Plane) => {}
-        (Light::Tracked, _) => {
-            return Err(DoublingError::WalkOnly("s and p have a solution each: solve both"));
-        }
-        (_, Geometry::Space) => {
-            let why =
-                "s and p are tracked in the plane of incidence only: in space they turn into each other";
-            return Err(DoublingError::WalkOnly(why));
-        }
-    }
-    let grid = Grid::new(geometry, settings.nodes);
-    let modes = settings.modes_in(geometry);
-    let elements = elements(transport);
-    let runs = runs(&elements);
-    let sampling = settings.sampling(&grid);
-    let side = |from: f64, to: f64| Interface {
-        eta: from / to,
-        facets: transport.facets,
-        light: transport.light,
-        sampling,
-    };
+    let plan = Plan::new(transport, geometry, settings)?;
+    let incident = plan.incident(theta_i);
+    // A mode's matrices go as soon as it is solved.
+    let modes = 0..settings.modes_in(geometry);
+    let results = modes.into_par_iter().map(|mode| plan.mode(mode).solve(&incident, mode)).collect();
+    Ok(Solution::assemble(transport, theta_i, *settings, plan.grid, &incident, results))
+}
 
-    let (ambient, first) = (transport.indices[0], transport.indices[1]);
-    let mut sides = HashMap::new();
-    let cells = runs.iter().flat_map(|run| &elements[run.start..run.start + run.period]);
-    for (above, below) in std::iter::once((ambient, first)).chain(cells.map(|e| (e.above, e.below))) {
-        if above.to_bits() != below.to_bits() || (above, below) == (ambient, first) {
-            sides.entry(key(above, below)).or_insert_with(|| Sides {
-                first: above,
-                near: columns(&side(above, below), &grid, modes, &grid.theta),
-                far: columns(&side(below, above), &grid, modes, &grid.theta),
-            });
-        }
+/// A stack at one resolution, solved for light from any direction above: further incidences cost a few products each.
+pub struct Operator {
+    plan: Plan,
+    modes: Vec<Mode>,
+}
+
+impl Operator {
+    /// Solves the stack; [`Settings::both_sides`] does not matter.
+    ///
+    /// # Errors
+    /// As [`solve`].
+    pub fn new(
+        transport: &Transport,
+        geometry: Geometry,
+        settings: &Settings,
+    ) -> Result<Self, DoublingError> {
+        settings.check(transport, geometry, &[])?;
+        let plan = Plan::new(transport, geometry, settings)?;
+        let modes = (0..settings.modes_in(geometry)).into_par_iter().map(|mode| plan.mode(mode)).collect();
+        Ok(Self { plan, modes })
     }
-    let problem = Problem { grid: &grid, elements: &elements, runs: &runs, sides: &sides };
-    let incident = columns(&side(ambient, first), &grid, modes, theta_i);
-    let results: Vec<ModeResult> = (0..modes)
-        .into_par_iter()
-        .map(|mode| solve_mode(&problem, ambient, first, &incident, mode))
-        .collect();
-    Ok(Solution::assemble(transport, theta_i, *settings, grid, &incident, results))
+
+    /// The lobes of some incidences, radians: to the bit what [`solve`] finds.
+    ///
+    /// # Errors
+    /// An incidence beyond \[0, π/2\].
+    pub fn solve(&self, theta_i: &[f64]) -> Result<Solution, DoublingError> {
+        let Plan { transport, settings, grid, .. } = &self.plan;
+        settings::check_stack(transport, theta_i)?;
+        let incident = self.plan.incident(theta_i);
+        let modes = self.modes.par_iter().enumerate();
+        let results = modes.map(|(k, mode)| mode.solve(&incident, k)).collect();
+        Ok(Solution::assemble(transport, theta_i, *settings, grid.clone(), &incident, results))
+    }
+}
+
+/// What the modes of a stack are solved from.
+struct Plan {
+    transport: Transport,
+    settings: Settings,
+    grid: Grid,
+    elements: Vec<Element>,
+    runs: Vec<Run>,
+    sides: HashMap<(u64, u64), Sides>,
+}
+
+impl Plan {
+    fn new(transport: &Transport, geometry: Geometry, settings: &Settings) -> Result<Self, DoublingError> {
+        if transport.sheets.is_some() {
+            return Err(DoublingError::WalkOnly("coherent sheets are walked only: use the walk"));
+        }
+        match (transport.light, geometry) {
+            (Light::Unpolarised, _) | (Light::S | Light::P, Geometry::Plane) => {}
+            (Light::Tracked, _) => {
+                return Err(DoublingError::WalkOnly("s and p have a solution each: solve both"));
+            }
+            (_, Geometry::Space) => {
+                let why =
+                    "s and p are tracked in the plane of incidence only: in space they turn into each other";
+                return Err(DoublingError::WalkOnly(why));
+            }
+        }
+        let elements = elements(transport);
+        let mut plan = Self {
+            transport: transport.clone(),
+            settings: *settings,
+            grid: Grid::new(geometry, settings.nodes),
+            runs: runs(&elements),
+            elements,
+            sides: HashMap::new(),
+        };
+        let modes = settings.modes_in(geometry);
+        let top = (transport.indices[0], transport.indices[1]);
+        let cells = plan.runs.iter().flat_map(|run| &plan.elements[run.start..run.start + run.period]);
+        let pairs: Vec<(f64, f64)> = std::iter::once(top).chain(cells.map(|e| (e.above, e.below))).collect();
+        for (above, below) in pairs {
+            let known = plan.sides.contains_key(&key(above, below));
+            if !known && (above.to_bits() != below.to_bits() || (above, below) == top) {
+                let side = |from: f64, to: f64| {
+                    columns(&plan.interface(from, to), &plan.grid, modes, &plan.grid.theta)
+                };
+                let sides = Sides { first: above, near: side(above, below), far: side(below, above) };
+                plan.sides.insert(key(above, below), sides);
+            }
+        }
+        Ok(plan)
+    }
+
+    fn interface(&self, from: f64, to: f64) -> Interface {
+        let Transport { facets, light, .. } = self.transport;
+        Interface { eta: from / to, facets, light, sampling: self.settings.sampling(&self.grid) }
+    }
+
+    /// Light that arrives at these incidences, as it leaves the first facet.
+    fn incident(&self, theta_i: &[f64]) -> Vec<Column> {
+        let [ambient, first] = [self.transport.indices[0], self.transport.indices[1]];
+        let modes = self.settings.modes_in(self.grid.geometry);
+        columns(&self.interface(ambient, first), &self.grid, modes, theta_i)
+    }
+
+    /// One mode of the whole stack.
+    fn mode(&self, mode: usize) -> Mode {
+        let problem =
+            Problem { grid: &self.grid, elements: &self.elements, runs: &self.runs, sides: &self.sides };
+        let top = problem.resolved(self.transport.indices[0], self.transport.indices[1], mode);
+        let Slab { r_below, t_below, .. } = top.slab();
+        let Slab { r: body_r, t: body_t, .. } = problem.body(mode);
+        let between = Resolvent::new(r_below.times(&body_r));
+        Mode { top, t_below, body_r, body_t, between }
+    }
+}
+
+/// One azimuthal mode of a stack: interface 0, and what is below it.
+struct Mode {
+    top: Resolved,
+    t_below: Matrix,
+    body_r: Matrix,
+    body_t: Matrix,
+    /// Light that goes to and fro between the two.
+    between: Resolvent,
+}
+
+impl Mode {
+    fn solve(&self, incident: &[Column], mode: usize) -> ModeResult {
+        let n = self.body_r.rows();
+        let gather = |fate: Fate| {
+            Matrix::from_fn(n, incident.len(), |j, i| {
+                incident[i].deposit(fate).map_or(0.0, |deposit| deposit[(j, mode)])
+            })
+        };
+        let back_above = gather(Fate::ReflectedBack);
+        let back_below = gather(Fate::RefractedBack);
+        let back = Matrix::from_fn(2 * n, incident.len(), |j, i| match j.checked_sub(n) {
+            None => back_above[(j, i)],
+            Some(j) => back_below[(j, i)],
+        });
+        let finished = self.top.finish(&back);
+        let rehit = self.top.finish_above(&back_above);
+        let all = 0..incident.len();
+        let mut entered = gather(Fate::Refracted);
+        entered += &finished.part(n..2 * n, all.clone());
+
+        let down = self.between.times(&entered);
+        let up = self.body_r.times(&down);
+        let mut interior = finished.part(0..n, all).with(&rehit, |finished, rehit| finished - rehit);
+        interior += &self.t_below.times(&up);
+        let transmitted = self.body_t.times(&down);
+        ModeResult { interior, rehit, transmitted }
+    }
 }
 
 /// Solves to a total variation asked for, with the error estimated from a second, coarser resolution.
@@ -270,7 +382,8 @@ pub fn solve_to(
     Err(DoublingError::NotReached { asked: total_variation, reached, nodes: coarse.settings.nodes })
 }
 
-/// Both sides: from above at `settings`, from below as finely as the stack upside down asks for, with error estimates.
+/// Both sides: from above refined from `settings` until what is transmitted keeps `total_variation` as well, or until more cannot be
+/// paid for; from below as finely as the stack upside down asks for.
 fn solve_both(
     transport: &Transport,
     geometry: Geometry,
@@ -279,13 +392,37 @@ fn solve_both(
     total_variation: f64,
 ) -> Result<Solution, DoublingError> {
     let settings = Settings { both_sides: true, ..*settings };
-    let coarse = solve_side(transport, geometry, theta_i, &settings.coarser())?;
-    let mut solution = solve_side(transport, geometry, theta_i, &settings)?;
-    solution.compare(&coarse);
+    let mut solution = refined(transport, geometry, theta_i, settings, total_variation)?;
     let turned = transport.upside_down();
     solution.from_below =
-        Some(Box::new(solve_below(&turned, geometry, theta_i, &settings, total_variation)?));
+        Some(Box::new(solve_below(&turned, geometry, theta_i, &solution.settings, total_variation)?));
     Ok(solution)
+}
+
+/// One side of several lobes, refined from `settings` until all keep `total_variation` or until more cannot be paid for.
+fn refined(
+    transport: &Transport,
+    geometry: Geometry,
+    theta_i: &[f64],
+    mut settings: Settings,
+    total_variation: f64,
+) -> Result<Solution, DoublingError> {
+    let mut coarse = solve_side(transport, geometry, theta_i, &settings.coarser())?;
+    let mut attempts = 0;
+    loop {
+        let mut solution = solve_side(transport, geometry, theta_i, &settings)?;
+        solution.compare(&coarse);
+        attempts += 1;
+        let kept = solution.error.as_ref().is_some_and(|error| {
+            error.transmitted.iter().fold(error.worst(), |worst, tv| worst.max(*tv)) <= total_variation
+        });
+        let finer = settings.finer();
+        if kept || attempts == ATTEMPTS_BELOW || finer.check(transport, geometry, theta_i).is_err() {
+            return Ok(solution);
+        }
+        settings = finer;
+        coarse = solution;
+    }
 }
 
 /// The stack upside down, refined until it keeps `total_variation` or until more cannot be paid for.
@@ -305,55 +442,7 @@ fn solve_below(
     if geometry == Geometry::Space && affordable(&grazing) {
         settings = grazing;
     }
-    let mut coarse = solve_side(turned, geometry, theta_i, &settings.coarser())?;
-    let mut attempts = 0;
-    loop {
-        let mut solution = solve_side(turned, geometry, theta_i, &settings)?;
-        solution.compare(&coarse);
-        attempts += 1;
-        let kept = solution.error.as_ref().is_some_and(|error| error.worst() <= total_variation);
-        if kept || attempts == ATTEMPTS_BELOW || !affordable(&settings.finer()) {
-            return Ok(solution);
-        }
-        settings = settings.finer();
-        coarse = solution;
-    }
-}
-
-fn solve_mode(
-    problem: &Problem<'_>,
-    ambient: f64,
-    first: f64,
-    incident: &[Column],
-    mode: usize,
-) -> ModeResult {
-    let n = problem.grid.len();
-    let gather = |fate: Fate| {
-        Matrix::from_fn(n, incident.len(), |j, i| {
-            incident[i].deposit(fate).map_or(0.0, |deposit| deposit[(j, mode)])
-        })
-    };
-    let top = problem.resolved(ambient, first, mode);
-    let back_above = gather(Fate::ReflectedBack);
-    let back_below = gather(Fate::RefractedBack);
-    let back = Matrix::from_fn(2 * n, incident.len(), |j, i| match j.checked_sub(n) {
-        None => back_above[(j, i)],
-        Some(j) => back_below[(j, i)],
-    });
-    let finished = top.finish(&back);
-    let rehit = top.finish_above(&back_above);
-    let all = 0..incident.len();
-    let mut entered = gather(Fate::Refracted);
-    entered += &finished.part(n..2 * n, all.clone());
-
-    let body = problem.body(mode);
-    let slab = top.slab();
-    let down = star::refined_resolvent(&slab.r_below.times(&body.r), &entered);
-    let up = body.r.times(&down);
-    let mut interior = finished.part(0..n, all).with(&rehit, |finished, rehit| finished - rehit);
-    interior += &slab.t_below.times(&up);
-    let transmitted = body.t.times(&down);
-    ModeResult { interior, rehit, transmitted }
+    refined(turned, geometry, theta_i, settings, total_variation)
 }
 
 #[cfg(test)]

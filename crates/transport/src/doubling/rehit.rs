@@ -110,12 +110,11 @@ impl RehitLobe {
     /// `None` if `share` of the light is too little to matter.
     pub(super) fn new(
         transport: &Transport,
-        geometry: Geometry,
         incident: &SingleReflection,
         theta_i: f64,
         share: f64,
     ) -> Option<Self> {
-        if geometry == Geometry::Plane || share < NEGLIGIBLE {
+        if share < NEGLIGIBLE {
             return None;
         }
         let sigma = transport.facets.slope_sd;

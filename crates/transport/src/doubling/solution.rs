@@ -1,6 +1,7 @@
 //! What a solution holds, and how it is read.
 
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 use super::facets::Fate;
 use super::grid::Grid;
@@ -38,11 +39,17 @@ pub struct Lobe {
 /// than this is judged as if it had it.
 pub const FAINT: f64 = 1e-3;
 
+/// Light of a component, as a share of all reflected light, below which it is rounding.
+const FAINTEST: f64 = 1e-9;
+
 /// How far two resolutions are apart: the solver's own error estimate.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ErrorEstimate {
     /// Estimated total variation of the reflected lobe, as a share of the reflected light, by incidence.
     pub total_variation: Vec<f64>,
+    /// The same of the interior and of what met interface 0 more than once, each as a share of √(all reflected light · its own): a
+    /// component with a hundredth of the light may be off by ten times as large a share of itself, as if it had been counted.
+    pub components: [Vec<f64>; 2],
     /// The same of the transmitted lobe, as a share of the transmitted light (or of [`FAINT`], if that is more); only where
     /// both sides are solved.
     pub transmitted: Vec<f64>,
@@ -57,10 +64,11 @@ pub struct ErrorEstimate {
 }
 
 impl ErrorEstimate {
-    /// Total variation of the reflected lobe at the worst incidence.
+    /// The worst of all incidences, of the reflected lobe and of its components.
     #[must_use]
     pub fn worst(&self) -> f64 {
-        self.total_variation.iter().fold(0.0, |worst, tv| worst.max(*tv))
+        let parts = self.components.iter().flatten().chain(&self.total_variation);
+        parts.fold(0.0, |worst, tv| worst.max(*tv))
     }
 }
 
@@ -90,8 +98,9 @@ pub struct Solution {
     interior: Vec<Matrix>,
     /// Plane: node densities of both parities.
     rehit: Vec<Matrix>,
-    /// Space: the lobe resolved in azimuth.
-    rehit_lobes: Vec<Option<RehitLobe>>,
+    /// Space: the lobe resolved in azimuth, found when it is asked for.
+    rehit_lobes: Vec<OnceLock<Option<RehitLobe>>>,
+    transport: Transport,
     transmitted: Vec<Matrix>,
 }
 
@@ -116,11 +125,6 @@ impl Solution {
         let single: Vec<SingleReflection> =
             theta_i.iter().map(|&theta| SingleReflection::new(transport, grid.geometry, theta)).collect();
         let lobes = totals(transport, theta_i, &grid, incident, &modes);
-        let rehit_lobes = lobes
-            .par_iter()
-            .zip(&single)
-            .map(|(lobe, single)| RehitLobe::new(transport, grid.geometry, single, lobe.theta_i, lobe.rehit))
-            .collect();
         let collect = |pick: fn(&ModeResult) -> &Matrix| {
             (0..theta_i.len())
                 .map(|i| {
@@ -131,8 +135,9 @@ impl Solution {
                 .collect()
         };
         Self {
+            rehit_lobes: lobes.iter().map(|_| OnceLock::new()).collect(),
+            transport: transport.clone(),
             lobes,
-            rehit_lobes,
             settings,
             error: None,
             from_below: None,
@@ -182,10 +187,16 @@ impl Solution {
     /// Density of what met interface 0 more than once and never entered.
     #[must_use]
     pub fn rehit(&self, incidence: usize, basis: &Basis) -> Matrix {
-        match (&self.rehit_lobes[incidence], self.grid.geometry) {
-            (_, Geometry::Plane) => evaluate(&self.rehit[incidence], basis),
-            (Some(lobe), _) => lobe.values(&basis.theta, &basis.phi),
-            (None, _) => Matrix::zeros(basis.theta.len(), basis.phi.len()),
+        if self.grid.geometry == Geometry::Plane {
+            return evaluate(&self.rehit[incidence], basis);
+        }
+        let lobe = self.rehit_lobes[incidence].get_or_init(|| {
+            let Lobe { theta_i, rehit, .. } = self.lobes[incidence];
+            RehitLobe::new(&self.transport, &self.single[incidence], theta_i, rehit)
+        });
+        match lobe {
+            Some(lobe) => lobe.values(&basis.theta, &basis.phi),
+            None => Matrix::zeros(basis.theta.len(), basis.phi.len()),
         }
     }
 
@@ -216,26 +227,37 @@ impl Solution {
         let phi: Vec<f64> =
             (0..count).map(|f| std::f64::consts::PI * (f as f64 + 0.5) / count as f64).collect();
         let (fine_basis, coarse_basis) = (self.basis(&theta, &phi), coarse.basis(&theta, &phi));
-        let apart = |difference: Matrix, light: f64| {
+        let apart = |difference: &Matrix, light: f64| {
             let sum: f64 = (0..count)
                 .map(|f| difference.column(f).iter().zip(&weights).map(|(d, w)| w * d.abs()).sum::<f64>())
                 .sum();
             0.5 * sum / count as f64 / light / 1.5
         };
-        let total_variation = (0..self.lobes.len())
-            .map(|i| {
-                let difference =
-                    self.interior(i, &fine_basis).with(&coarse.interior(i, &coarse_basis), |a, b| a - b);
-                apart(difference, self.lobes[i].albedo.max(1e-300))
-            })
-            .collect();
+        let minus = |fine: Matrix, coarse: Matrix| fine.with(&coarse, |a, b| a - b);
+        let reflected = |i: usize| {
+            let lobe = &self.lobes[i];
+            let all = lobe.albedo.max(1e-300);
+            let interior = minus(self.interior(i, &fine_basis), coarse.interior(i, &coarse_basis));
+            // In space re-hits are found incidence by incidence, at no resolution.
+            let rehit = match self.grid.geometry {
+                Geometry::Plane => minus(self.rehit(i, &fine_basis), coarse.rehit(i, &coarse_basis)),
+                Geometry::Space => Matrix::zeros(interior.rows(), interior.columns()),
+            };
+            let part = |difference: &Matrix, own: f64| {
+                if own > FAINTEST * all { apart(difference, (own * all).sqrt()) } else { 0.0 }
+            };
+            let components = [part(&interior, lobe.albedo - lobe.surface), part(&rehit, lobe.rehit)];
+            [apart(&interior.with(&rehit, |a, b| a + b), all), components[0], components[1]]
+        };
+        let reflected: Vec<[f64; 3]> = (0..self.lobes.len()).into_par_iter().map(reflected).collect();
+        let [total_variation, interior, rehit] =
+            [0, 1, 2].map(|k: usize| reflected.iter().map(|found| found[k]).collect());
         let through = if self.settings.both_sides { self.lobes.len() } else { 0 };
         let transmitted = (0..through)
             .map(|i| {
-                let difference = self
-                    .transmitted(i, &fine_basis)
-                    .with(&coarse.transmitted(i, &coarse_basis), |a, b| a - b);
-                apart(difference, self.lobes[i].transmitted.max(FAINT))
+                let difference =
+                    minus(self.transmitted(i, &fine_basis), coarse.transmitted(i, &coarse_basis));
+                apart(&difference, self.lobes[i].transmitted.max(FAINT))
             })
             .collect();
         if let (Some(fine), Some(coarse)) = (&mut self.from_below, &coarse.from_below) {
@@ -246,6 +268,7 @@ impl Solution {
         };
         self.error = Some(ErrorEstimate {
             total_variation,
+            components: [interior, rehit],
             transmitted,
             albedo: largest(|lobe| lobe.albedo).max(largest(|lobe| lobe.transmitted)),
             mean: largest(|lobe| lobe.mean),

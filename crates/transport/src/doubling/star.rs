@@ -12,18 +12,28 @@ pub(super) fn resolvent(mut a: Matrix, mut b: Matrix) -> Matrix {
     b
 }
 
-/// [`resolvent`] with one step of iterative refinement, for the last solve: I − R₁R₂ is nearly singular under a thick
-/// lossless body, and the energy balance should keep its last digits.
-pub(super) fn refined_resolvent(a: &Matrix, b: &Matrix) -> Matrix {
-    let mut matrix = a.clone();
-    identity_minus(&mut matrix);
-    let factors = Lu::new(matrix.clone());
-    let mut x = b.clone();
-    factors.solve(&mut x);
-    let mut residual = b.clone().with(&matrix.times(&x), |b, product| b - product);
-    factors.solve(&mut residual);
-    x += &residual;
-    x
+/// (I − a)⁻¹ with one step of iterative refinement, for the last solve: I − R₁R₂ is nearly singular under a thick lossless
+/// body, and the energy balance should keep its last digits.
+pub(super) struct Resolvent {
+    matrix: Matrix,
+    factors: Lu,
+}
+
+impl Resolvent {
+    pub(super) fn new(mut a: Matrix) -> Self {
+        identity_minus(&mut a);
+        Self { factors: Lu::new(a.clone()), matrix: a }
+    }
+
+    /// (I − a)⁻¹ b.
+    pub(super) fn times(&self, b: &Matrix) -> Matrix {
+        let mut x = b.clone();
+        self.factors.solve(&mut x);
+        let mut residual = b.clone().with(&self.matrix.times(&x), |b, product| b - product);
+        self.factors.solve(&mut residual);
+        x += &residual;
+        x
+    }
 }
 
 /// Takes rounding out of the energy balance of a lossless slab: every column of R + T sums to 1 in exact arithmetic,

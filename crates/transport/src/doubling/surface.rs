@@ -103,6 +103,14 @@ impl SingleReflection {
         0.5 * weight * fresnel(self.eta, cos_i, self.light).0 * self.norm
     }
 
+    /// Standard deviation of φ at the exit angle θo (space), radians, to first order in the slope across the plane of incidence: at
+    /// grazing incidence a ridge towards the horizon.
+    #[must_use]
+    pub fn azimuth_sd(&self, theta_o: f64) -> f64 {
+        let (sine, cosine) = theta_o.sin_cos();
+        self.facets.slope_sd * (self.cosine + cosine) / sine.max(f64::MIN_POSITIVE)
+    }
+
     /// f·cos θo at the exit direction (θo, φ), 1/sr (space).
     #[must_use]
     pub fn space(&self, theta_o: f64, phi: f64) -> f64 {

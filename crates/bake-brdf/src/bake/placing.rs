@@ -1,0 +1,219 @@
+//! Where the rows of a table go, and into how many cells each is divided: as few as reading to an accuracy takes.
+//!
+//! Linear mixing of two rows h apart misses the lobe half-way by κh²/4, κ a property of the incidence: it is found from lobes solved at
+//! some forty incidences, rows go where every interval gets an equal share of ∫√κ, and lobes solved half-way between them say what was
+//! reached. Reading between cells misses a share that falls with the square of their number.
+
+use super::BakeError;
+use super::reading::{self, Missed, Sample};
+use crate::recipe::Azimuth;
+use lut_io::axis::ExitAxis;
+use rayon::prelude::*;
+use std::f64::consts::FRAC_PI_2;
+use transport::doubling::Solution;
+
+/// Incidences from which the bend of the lobes is known.
+const SCOUTS: usize = 40;
+/// Rounds of placing rows, and of choosing cells.
+const ROUNDS: usize = 6;
+/// Rows and cells aim at this share of what they may miss; fewer cells than this share of those there are are not looked for.
+const AIM: f64 = 0.9;
+const ENOUGH: f64 = 0.9;
+/// Fewest and most rows.
+const ROWS: std::ops::RangeInclusive<usize> = 3..=2001;
+/// Incidences at which cells are chosen, and judged.
+const CELL_PROBES: usize = 10;
+/// Cells from which the choice starts, and fewest and most of a dimension.
+const FIRST_CELLS: usize = 32;
+const FEWEST_CELLS: usize = 12;
+const MOST_CELLS: usize = 4096;
+
+/// Solves lobes at incidences, radians.
+type Solve<'a> = dyn Fn(&[f64]) -> Result<Solution, BakeError> + 'a;
+
+/// The coarsest axis of which reading between cells misses at most `share`, as far as there is one.
+pub(super) fn cells(
+    first: &ExitAxis,
+    azimuth: Azimuth,
+    share: f64,
+    solve: &Solve<'_>,
+) -> Result<ExitAxis, BakeError> {
+    let solution = solve(&spread_out(CELL_PROBES, first.width()))?;
+    let missed = |axis: &ExitAxis| {
+        let probes = (0..CELL_PROBES).into_par_iter();
+        probes.map(|i| reading::between_cells(axis, azimuth, &solution, i).worst()).reduce(|| 0.0, f64::max)
+    };
+    let even = |cells: f64| (2 * (0.5 * cells).ceil() as usize).clamp(FEWEST_CELLS, MOST_CELLS);
+    let width = first.width();
+    let plane = matches!(first, ExitAxis::Plane { .. });
+    let axis = |[theta, phi]: [f64; 2]| {
+        if plane {
+            return ExitAxis::Plane { cells: even(theta), width };
+        }
+        ExitAxis::Space { theta_cells: even(theta), phi_cells: even(phi), width }
+    };
+    let mut cells = [FIRST_CELLS as f64, 0.5 * FIRST_CELLS as f64];
+    let mut found = missed(&axis(cells));
+    if !plane {
+        // What either dimension gives: halve it, and three quarters of its part come on top. Cells are fewest where both are equal.
+        let [theta, phi] = cells;
+        let parts =
+            [[0.5 * theta, phi], [theta, 0.5 * phi]].map(|halved| (missed(&axis(halved)) - found).max(0.0));
+        let sum = (parts[0] + parts[1]).max(f64::MIN_POSITIVE);
+        let stretch = parts.map(|part| (2.0 * part / sum).sqrt().clamp(0.5, 2.0));
+        cells = [theta * stretch[0], phi * stretch[1]];
+    }
+    for round in 0..ROUNDS {
+        // Errors of linear reading fall with the square of the cells.
+        let scale = (found / (AIM * share)).sqrt().clamp(0.25, 8.0);
+        if round > 0 && found <= share && scale > ENOUGH {
+            break;
+        }
+        cells = cells.map(|cells| cells * scale);
+        found = missed(&axis(cells));
+    }
+    Ok(axis(cells))
+}
+
+/// Places rows, degrees, so that what reading between them misses is at most `share` where that is possible. `solve` solves lobes at incidences.
+pub(super) fn rows(
+    axis: &ExitAxis,
+    azimuth: Azimuth,
+    share: f64,
+    solve: &Solve<'_>,
+) -> Result<Vec<f64>, BakeError> {
+    let sampled = |theta_i: &[f64]| -> Result<Vec<Sample>, BakeError> {
+        let solution = solve(theta_i)?;
+        Ok((0..theta_i.len()).into_par_iter().map(|i| Sample::new(axis, azimuth, &solution, i)).collect())
+    };
+    let scouts = spread_out(SCOUTS, axis.width());
+    let samples = sampled(&scouts)?;
+    let mut bend = Bend::of(axis, &samples);
+    let mut best: Option<(Vec<f64>, f64)> = None;
+    for _ in 0..ROUNDS {
+        let incident_deg = bend.place(AIM * share);
+        let theta_i: Vec<f64> = incident_deg.iter().map(|degrees| degrees.to_radians()).collect();
+        let all: Vec<f64> = theta_i.iter().copied().chain(reading::middles(&theta_i)).collect();
+        let samples = sampled(&all)?;
+        let (nodes, middles) = samples.split_at(theta_i.len());
+        let missed: Vec<f64> = reading::half_way(axis, nodes, middles).iter().map(Missed::worst).collect();
+        let worst = missed.iter().copied().fold(0.0, f64::max);
+        let better = best.as_ref().is_none_or(|(rows, missed)| match (*missed <= share, worst <= share) {
+            (true, true) => incident_deg.len() < rows.len(),
+            (kept, keeps) => keeps || (!kept && worst < *missed),
+        });
+        bend.learn(&theta_i, &missed);
+        let done = worst <= share && worst > 0.75 * share;
+        if better {
+            best = Some((incident_deg, worst));
+        }
+        if done {
+            break;
+        }
+    }
+    Ok(best.map(|(rows, _)| rows).unwrap_or_default())
+}
+
+/// What reading a table misses between its rows and between its cells, at worst, from a solution of its incidences and of the middles
+/// between them.
+pub(super) fn missed(axis: &ExitAxis, azimuth: Azimuth, solution: &Solution, rows: usize) -> [Missed; 2] {
+    let samples = 0..solution.lobes.len();
+    let samples: Vec<Sample> =
+        samples.into_par_iter().map(|i| Sample::new(axis, azimuth, solution, i)).collect();
+    let (nodes, middles) = samples.split_at(rows);
+    let between_rows =
+        reading::half_way(axis, nodes, middles).into_iter().fold(Missed::default(), Missed::max);
+    let probes = CELL_PROBES.min(rows);
+    let between_cells = (0..probes)
+        .into_par_iter()
+        .map(|probe| probe * (rows - 1) / (probes - 1).max(1))
+        .map(|i| reading::between_cells(axis, azimuth, solution, i))
+        .reduce(Missed::default, Missed::max);
+    [between_rows.rounded(), between_cells.rounded()]
+}
+
+/// Incidences from 0 to 90°, dense near 90° on the scale of a width.
+fn spread_out(count: usize, width: f64) -> Vec<f64> {
+    let range = (FRAC_PI_2 / width).asinh();
+    let at = |k: usize| FRAC_PI_2 - width * (range * (1.0 - k as f64 / (count - 1) as f64)).sinh();
+    (0..count).map(|k| if k == 0 { 0.0 } else { at(k).max(0.0) }).collect()
+}
+
+/// κ over the incidences: linear mixing over h misses κh²/4 half-way.
+struct Bend {
+    theta: Vec<f64>,
+    kappa: Vec<f64>,
+}
+
+impl Bend {
+    fn of(axis: &ExitAxis, samples: &[Sample]) -> Self {
+        let threes: Vec<&[Sample]> = samples.windows(3).collect();
+        let inner: Vec<f64> = threes
+            .into_par_iter()
+            .map(|three| {
+                let [a, b, c] = [0, 1, 2].map(|i: usize| three[i].theta_i);
+                three[1].missed_by(axis, &three[0], &three[2], three[1].shares).worst() / ((b - a) * (c - b))
+            })
+            .collect();
+        let (first, last) = (inner[0], inner[inner.len() - 1]);
+        let kappa = std::iter::once(first).chain(inner).chain(std::iter::once(last)).collect();
+        Self { theta: samples.iter().map(|sample| sample.theta_i).collect(), kappa }
+    }
+
+    /// Rows between which every interval misses about `share`.
+    fn place(&self, share: f64) -> Vec<f64> {
+        let density: Vec<f64> = self.kappa.iter().map(|kappa| (kappa / (4.0 * share)).sqrt()).collect();
+        let mut sum = vec![0.0];
+        for (theta, density) in self.theta.windows(2).zip(density.windows(2)) {
+            let last = sum[sum.len() - 1];
+            sum.push(last + 0.5 * (theta[1] - theta[0]) * (density[0] + density[1]));
+        }
+        let total = sum[sum.len() - 1];
+        let intervals = (total.ceil() as usize).clamp(ROWS.start() - 1, ROWS.end() - 1);
+        let at = |k: usize| {
+            let wanted = total * k as f64 / intervals as f64;
+            let i = sum.partition_point(|sum| *sum <= wanted).clamp(1, sum.len() - 1);
+            let (a, b) = (density[i - 1], density[i]);
+            // Within a piece the density is linear: solve a quadratic.
+            let (length, part) = (self.theta[i] - self.theta[i - 1], wanted - sum[i - 1]);
+            let slope = (b - a) / length;
+            let step = 2.0 * part / (a + (a * a + 2.0 * slope * part).max(0.0).sqrt()).max(f64::MIN_POSITIVE);
+            self.theta[i - 1] + step.clamp(0.0, length)
+        };
+        let mut rows: Vec<f64> = (0..=intervals).map(at).collect();
+        rows[0] = 0.0;
+        rows[intervals] = FRAC_PI_2;
+        rounded(&rows)
+    }
+
+    /// Takes what was found between rows.
+    fn learn(&mut self, rows: &[f64], missed: &[f64]) {
+        let middles = rows.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
+        let kappa =
+            rows.windows(2).zip(missed).map(|(pair, missed)| 4.0 * missed / (pair[1] - pair[0]).powi(2));
+        let (mut theta, mut kappa): (Vec<f64>, Vec<f64>) = middles.zip(kappa).unzip();
+        let (first, last) = (kappa[0], kappa[kappa.len() - 1]);
+        theta.insert(0, 0.0);
+        kappa.insert(0, first);
+        theta.push(FRAC_PI_2);
+        kappa.push(last);
+        (self.theta, self.kappa) = (theta, kappa);
+    }
+}
+
+/// Rows at round numbers of degrees, at most a twentieth of an interval away.
+fn rounded(rows: &[f64]) -> Vec<f64> {
+    let degrees: Vec<f64> = rows.iter().map(|theta| theta.to_degrees()).collect();
+    let mut rounded: Vec<f64> = (0..rows.len())
+        .map(|i| {
+            let before = if i > 0 { degrees[i] - degrees[i - 1] } else { f64::INFINITY };
+            let after = degrees.get(i + 1).map_or(f64::INFINITY, |next| next - degrees[i]);
+            let digits = 10_f64.powf((-(0.1 * before.min(after)).log10()).ceil());
+            (degrees[i] * digits).round() / digits
+        })
+        .collect();
+    let last = rounded.len() - 1;
+    rounded[last] = 90.0;
+    rounded.dedup();
+    rounded
+}

@@ -1,0 +1,288 @@
+//! What reading a table misses: between its rows, and between its cells.
+//!
+//! A renderer reads interior and re-hits from the cells and has the single reflection in closed form. A program that reads the stored
+//! `surface` instead misses more; that is kept apart.
+
+use super::cells::cell_shares;
+use crate::recipe::Azimuth;
+use lut_io::axis::{ExitAxis, Stretched};
+use lut_io::monotone::Monotone;
+use lut_io::table::Component;
+use lut_io::{decay, measure};
+
+use rayon::prelude::*;
+use std::f64::consts::{PI, TAU};
+use transport::doubling::{Matrix, Solution};
+
+/// Positions at which a lobe is sampled to read between rows: one φ and many signed exit angles (plane), φ and θo (space).
+const PLANE_SAMPLES: [usize; 2] = [1, 192];
+const SPACE_SAMPLES: [usize; 2] = [24, 64];
+/// Samples of a cell and dimension where reading between cells is looked at.
+const SUB_SAMPLES: usize = 3;
+/// Points over which decays of two widths are compared.
+const AZIMUTHS: usize = 16;
+/// Light of a component, as a share of all, below which it is rounding.
+const FAINTEST: f64 = 1e-9;
+
+/// Total variation that something adds, as a share of the light that comes back.
+///
+/// A component's is a share of √(all light · its own light): one with a hundredth of the light may be off by ten times as large a
+/// share of itself, as if its error came from counting.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Missed {
+    /// Of all light, with the single reflection in closed form.
+    pub(super) all: f64,
+    /// In the order of [`Component::ALL`]; `surface` as it is stored.
+    pub(super) components: [f64; 3],
+}
+
+impl Missed {
+    /// What a table is judged by: all light, and what renderers read of it.
+    pub(super) fn worst(&self) -> f64 {
+        self.all
+            .max(self.components[Component::Interior as usize])
+            .max(self.components[Component::Rehit as usize])
+    }
+
+    pub(super) fn max(self, other: Self) -> Self {
+        let pairs = [0, 1, 2].map(|c: usize| self.components[c].max(other.components[c]));
+        Self { all: self.all.max(other.all), components: pairs }
+    }
+
+    /// To three digits: more than they are good for, and they hide in which order a machine's matrix products add.
+    pub(super) fn rounded(self) -> Self {
+        let round = |share: f64| format!("{share:.2e}").parse().unwrap_or(share);
+        Self { all: round(self.all), components: self.components.map(round) }
+    }
+}
+
+/// What a component may be off by, in light, where all light may be off by 1: its rule in [`Missed`].
+pub(super) fn allowed(own: f64, all: f64) -> f64 {
+    (own * all).sqrt()
+}
+
+/// A lobe at positions of its exit axis.
+pub(super) struct Sample {
+    pub(super) theta_i: f64,
+    /// w of the decay postulate, radians; 0 in space.
+    width: f64,
+    /// Share of the incident light, in the order of [`Component::ALL`].
+    pub(super) shares: [f64; 3],
+    /// f·cos θo at the positions, likewise.
+    values: [Vec<f64>; 3],
+    /// Solid angle that each position stands for.
+    weights: Vec<f64>,
+}
+
+impl Sample {
+    /// The lobe of a solution at one of its incidences.
+    pub(super) fn new(axis: &ExitAxis, azimuth: Azimuth, solution: &Solution, incidence: usize) -> Self {
+        let samples = match axis {
+            ExitAxis::Plane { .. } => PLANE_SAMPLES,
+            ExitAxis::Space { .. } => SPACE_SAMPLES,
+        };
+        Self::at(axis, azimuth, solution, incidence, samples)
+    }
+
+    fn at(
+        axis: &ExitAxis,
+        azimuth: Azimuth,
+        solution: &Solution,
+        incidence: usize,
+        [across, along]: [usize; 2],
+    ) -> Self {
+        let lobe = &solution.lobes[incidence];
+        let (angles, steps) = midpoints(&axis.columns_at(lobe.theta_i), along);
+        let (azimuths, weights, width) = match axis.phi_at(lobe.theta_i) {
+            None => {
+                let width = azimuth.decay_width_deg(lobe.sd.to_degrees()).to_radians();
+                (vec![0.0], plane_weights(lobe.theta_i, width, &angles, &steps), width)
+            }
+            Some(phi) => {
+                let (azimuths, sectors) = midpoints(&phi, across);
+                let weights = sectors.iter().flat_map(|sector| {
+                    angles.iter().zip(&steps).map(move |(theta, step)| 2.0 * theta.sin() * step * sector)
+                });
+                (azimuths, weights.collect(), 0.0)
+            }
+        };
+        let basis = solution.basis(&angles, &azimuths);
+        // Scaled to the light that the solution knows without samples.
+        let scaled = |density: &[f64], known: f64| -> Vec<f64> {
+            let values: Vec<f64> = density.iter().map(|value| value.max(0.0)).collect();
+            let sum = integral(&weights, &values);
+            let scale = if sum > 0.0 { known.max(0.0) / sum } else { 0.0 };
+            values.into_iter().map(|value| value * scale).collect()
+        };
+        let columns = angles.len();
+        let flat = |density: Matrix| -> Vec<f64> {
+            (0..weights.len()).map(|k| density[(k % columns, k / columns)]).collect()
+        };
+        let interior = scaled(&flat(solution.interior(incidence, &basis)), lobe.albedo - lobe.surface);
+        let rehit = scaled(&flat(solution.rehit(incidence, &basis)), lobe.rehit);
+        let single = scaled(&flat(solution.single(incidence, &basis)), lobe.surface - lobe.rehit);
+        let surface = single.iter().zip(&rehit).map(|(single, rehit)| single + rehit).collect();
+        let shares = [lobe.albedo - lobe.surface, lobe.surface, lobe.rehit].map(|share| share.max(0.0));
+        Self { theta_i: lobe.theta_i, width, shares, values: [interior, surface, rehit], weights }
+    }
+
+    /// All light.
+    fn all(&self) -> f64 {
+        (self.shares[0] + self.shares[1]).max(f64::MIN_POSITIVE)
+    }
+
+    /// What is missed where this lobe is read from two others, each component scaled to the share that is read there.
+    pub(super) fn missed_by(&self, axis: &ExitAxis, before: &Self, after: &Self, read: [f64; 3]) -> Missed {
+        let t = (self.theta_i - before.theta_i) / (after.theta_i - before.theta_i);
+        let width = (1.0 - t) * before.width + t * after.width;
+        let plane = matches!(axis, ExitAxis::Plane { .. }).then(|| {
+            // The reader's own w decides what it divides by, and how the light is spread over azimuths.
+            let (angles, steps) = midpoints(&axis.columns_at(self.theta_i), self.weights.len());
+            let spreads = [width, self.width].map(|width| spread(self.theta_i, width, &angles));
+            (plane_weights(self.theta_i, width, &angles, &steps), spreads)
+        });
+        let weights = plane.as_ref().map_or(&self.weights, |(weights, _)| weights);
+        let light = Component::ALL.map(|component| {
+            let pair = before.values[component as usize].iter().zip(&after.values[component as usize]);
+            let mixed = pair.map(|(before, after)| (1.0 - t) * before + t * after);
+            let mut light: Vec<f64> = mixed.zip(weights).map(|(mixed, weight)| mixed * weight).collect();
+            let scale = read[component as usize] / light.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+            light.iter_mut().for_each(|light| *light *= scale);
+            light
+        });
+        self.missed(&light, plane.as_ref().map(|(_, spreads)| spreads))
+    }
+
+    /// The total variation of light that is read at the positions, where light may be spread otherwise over azimuths (spreads of what is
+    /// read, and of what is there).
+    fn missed(&self, read: &[Vec<f64>; 3], spreads: Option<&[Vec<[f64; AZIMUTHS]>; 2]>) -> Missed {
+        let here = self.values.each_ref().map(|values| -> Vec<f64> {
+            values.iter().zip(&self.weights).map(|(value, weight)| value * weight).collect()
+        });
+        let apart = |read: &[f64], here: &[f64]| -> f64 {
+            let at = |k: usize| match spreads {
+                None => (read[k] - here[k]).abs(),
+                Some([of_read, of_here]) => {
+                    let around = of_read[k].iter().zip(&of_here[k]).zip(&AROUND);
+                    around.map(|((a, b), share)| share * (read[k] * a - here[k] * b).abs()).sum()
+                }
+            };
+            0.5 * (0..read.len()).map(at).sum::<f64>()
+        };
+        let tabulated = |light: &[Vec<f64>; 3]| -> Vec<f64> {
+            let [interior, _, rehit] = light;
+            interior.iter().zip(rehit).map(|(interior, rehit)| interior + rehit).collect()
+        };
+        let all = self.all();
+        let component = |c: usize| {
+            let own = self.shares[c];
+            if own > FAINTEST * all { apart(&read[c], &here[c]) / allowed(own, all) } else { 0.0 }
+        };
+        Missed { all: apart(&tabulated(read), &tabulated(&here)) / all, components: [0, 1, 2].map(component) }
+    }
+}
+
+/// What reading between the cells of an axis misses at one incidence of a solution.
+pub(super) fn between_cells(
+    axis: &ExitAxis,
+    azimuth: Azimuth,
+    solution: &Solution,
+    incidence: usize,
+) -> Missed {
+    let (columns, rows) = (axis.columns(), axis.rows_per_incidence());
+    let samples_of = [if rows == 1 { 1 } else { SUB_SAMPLES * rows }, SUB_SAMPLES * columns];
+    let fine = Sample::at(axis, azimuth, solution, incidence, samples_of);
+    let extents = measure::cell_extents(axis, fine.theta_i);
+    let weights = measure::reading_weights(axis, fine.theta_i, fine.width);
+    let shares = cell_shares(axis, solution, incidence);
+    let read = [0, 1, 2].map(|c: usize| {
+        let factors = measure::value_factors(&shares[c], &extents, &weights);
+        let values: Vec<f64> = shares[c].iter().zip(&factors).map(|(share, factor)| share * factor).collect();
+        let samples = fine.weights.iter().enumerate();
+        samples.map(|(k, weight)| weight * read_between(&values, [rows, columns], samples_of, k)).collect()
+    });
+    fine.missed(&read, None)
+}
+
+/// The values of cells read linearly at sample k.
+fn read_between(values: &[f64], [rows, columns]: [usize; 2], [across, along]: [usize; 2], k: usize) -> f64 {
+    let place = |k: usize, samples: usize, cells: usize| {
+        let from_first = (k as f64 + 0.5) * cells as f64 / samples as f64 - 0.5;
+        let from_first = from_first.clamp(0.0, (cells - 1) as f64);
+        let cell = (from_first as usize).min(cells.saturating_sub(2));
+        (cell, from_first - cell as f64)
+    };
+    let (column, t) = place(k % along, along, columns);
+    let at = |row: usize| {
+        let near = row * columns + column;
+        (1.0 - t) * values[near] + t * values[near + 1]
+    };
+    let (row, u) = place(k / along, across, rows);
+    if u == 0.0 { at(row) } else { (1.0 - u) * at(row) + u * at(row + 1) }
+}
+
+/// What reading misses in the middle of each interval between nodes.
+pub(super) fn half_way(axis: &ExitAxis, nodes: &[Sample], middles: &[Sample]) -> Vec<Missed> {
+    let angles: Vec<f64> = nodes.iter().map(|sample| sample.theta_i).collect();
+    let curves = [0, 1, 2].map(|component| {
+        Monotone::new(angles.clone(), nodes.iter().map(|sample| sample.shares[component]).collect())
+    });
+    let read = |theta_i: f64| [0, 1, 2].map(|component: usize| curves[component].at(theta_i));
+    let intervals = nodes.par_windows(2).zip(middles);
+    intervals.map(|(pair, here)| here.missed_by(axis, &pair[0], &pair[1], read(here.theta_i))).collect()
+}
+
+/// The middles between incidences.
+pub(super) fn middles(theta_i: &[f64]) -> Vec<f64> {
+    theta_i.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect()
+}
+
+/// The positions of samples along an axis, and dx of each.
+fn midpoints(axis: &Stretched, count: usize) -> (Vec<f64>, Vec<f64>) {
+    let step = axis.cells as f64 / count as f64;
+    (0..count)
+        .map(|k| {
+            let position = (k as f64 + 0.5) * step;
+            (axis.at(position), axis.slope(position) * step)
+        })
+        .unzip()
+}
+
+fn integral(weights: &[f64], values: &[f64]) -> f64 {
+    weights.iter().zip(values).map(|(weight, value)| weight * value).sum()
+}
+
+/// ∫ dω of the decay postulate behind each step of the signed exit angle.
+fn plane_weights(theta_i: f64, width: f64, angles: &[f64], steps: &[f64]) -> Vec<f64> {
+    let weights = angles.iter().zip(steps).map(|(s, step)| {
+        let mean = decay::mean_decay(decay::concentration(theta_i, *s, width));
+        TAU * s.sin().abs() * if *s >= 0.0 { mean } else { 1.0 - mean } * step
+    });
+    weights.collect()
+}
+
+/// How a decay spreads the light of each signed exit angle over azimuths π·u³, relative to the same everywhere.
+fn spread(theta_i: f64, width: f64, angles: &[f64]) -> Vec<[f64; AZIMUTHS]> {
+    let cosines: [f64; AZIMUTHS] =
+        std::array::from_fn(|k| (PI * ((k as f64 + 0.5) / AZIMUTHS as f64).powi(3)).cos());
+    let at = |s: &f64| {
+        let x = decay::concentration(theta_i, *s, width);
+        let side = |decay: f64| if *s >= 0.0 { decay } else { 1.0 - decay };
+        let shape = cosines.map(|cosine| side(decay::decay(x, cosine)));
+        let mean: f64 = shape.iter().zip(&AROUND).map(|(shape, share)| shape * share).sum();
+        shape.map(|shape| shape / mean.max(f64::MIN_POSITIVE))
+    };
+    angles.iter().map(at).collect()
+}
+
+/// Shares of the azimuths of [`spread`]: 3u² du.
+const AROUND: [f64; AZIMUTHS] = {
+    let mut shares = [0.0; AZIMUTHS];
+    let mut k = 0;
+    while k < AZIMUTHS {
+        let (from, to) = (k as f64 / AZIMUTHS as f64, (k + 1) as f64 / AZIMUTHS as f64);
+        shares[k] = to * to * to - from * from * from;
+        k += 1;
+    }
+    shares
+};

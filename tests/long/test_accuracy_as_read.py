@@ -1,0 +1,113 @@
+"""What `--accuracy` promises against what a reader gets between rows and between cells.
+
+Tables are read by the NumPy evaluator of docs/ARRAYS.md. The truth is a doubling ten times as accurate, with rows at the
+incidences that are read, which are no rows of the table. Every figure is printed. Run by `cargo xtask long`.
+"""
+
+import json
+import os
+import pathlib
+import re
+import subprocess
+
+import numpy as np
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
+INCIDENCES = 60
+# Exit directions of an incidence: over θo (signed in decay tables) and φ.
+EXITS = {"decay": (301, 24), "space": (181, 72)}
+PERCENT = {"decay": [5, 1, 0.1, 0.01], "space": [5, 1, 0.1]}
+RECIPES = {
+    "paper": {},
+    "one-layer": {"stack": {"layers": 1}},
+    "two-layers-near-match": {
+        "stack": {"layers": 2, "ambient": {"n": 1.33}, "aragonite": {"n": 1.53}, "conchiolin": {"n": 1.505},
+                  "substrate": {"n": 1.53}},
+    },
+    "absorbing": {"stack": {"layers": 60, "aragonite": {"k": 2e-4}, "conchiolin": {"k": 5e-3}}},
+    "narrow": {"stack": {"layers": 40}, "facets": {"slope_sd_deg": 0.3}},
+    "broad": {"stack": {"layers": 50}, "facets": {"slope_sd_deg": 14}},
+    "deep": {"stack": {"layers": 1999, "aragonite": {"n": 1.6}, "conchiolin": {"n": 1.45}}},
+    "visible": {"stack": {"layers": 12}, "facets": {"slope_sd_deg": 5, "normals": "visible"}},
+}
+
+
+def run(tool, *args):
+    done = subprocess.run([BIN / tool, *map(str, args)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def evaluator():
+    page = (ROOT / "docs" / "ARRAYS.md").read_text(encoding="utf-8")
+    names = {}
+    exec("\n".join(re.findall(r"^```python\n(.*?)^```", page, re.S | re.M)), names)
+    return names
+
+
+def table(folder, name, recipe, *how):
+    """Arrays and `lut info` of a table without colours, which do not matter here."""
+    text, path, arrays = folder / f"{name}.json", folder / f"{name}.exr", folder / f"{name}.npz"
+    text.write_text(json.dumps(recipe))
+    run("bake-brdf", text, "--effects", "surface,blur,azimuth,absorption", *how, "-q", "-o", path)
+    run("lut", "export", path, "--to", "arrays", "-o", arrays, "-q")
+    return {k: v.astype(float) for k, v in np.load(arrays).items()}, json.loads(run("lut", "info", path, "--json"))
+
+
+def exits(theta_i, azimuth, width):
+    """θo, φ and the solid angle of each of a grid that is dense around the mirror direction."""
+    thetas, phis = EXITS[azimuth]
+
+    def dense(count, lo, hi, centre, scale):
+        below, above = np.arcsinh((lo - centre) / scale), np.arcsinh((hi - centre) / scale)
+        edges = centre + scale * np.sinh(np.linspace(below, above, count + 1))
+        return 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+
+    theta, d_theta = dense(thetas, 0.0, np.pi / 2, theta_i, width)
+    phi, d_phi = dense(phis, 0.0, np.pi, 0.0, max(width / max(np.tan(theta_i), 1e-3), 0.02))
+    theta, phi = np.meshgrid(theta, phi, indexing="ij")
+    return theta.ravel(), phi.ravel(), 2 * (np.sin(theta) * np.outer(d_theta, d_phi)).ravel()
+
+
+def apart(evaluator, table, truth, info, azimuth, theta_i):
+    """Total variation of all light, of the interior and of the re-hits, in per cent by the rule of docs/LUT-FORMAT.md §4."""
+    theta, phi, solid = exits(theta_i, azimuth, max(float(table["cell_width"]), 0.01))
+    wi = np.repeat([[np.sin(theta_i)], [0.0], [np.cos(theta_i)]], len(theta), axis=1)
+    wo = np.stack([-np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
+    got, want = (evaluator["lobes"](arrays, 0, wi, wo) for arrays in (table, truth))
+    degrees = np.degrees(theta_i)
+    row = min(info["per_incidence"], key=lambda row: abs(row["theta_i_deg"] - degrees))
+    light = row["albedo"]
+    own = [light - row["surface"], row["rehit"]]
+    difference = got - want
+    found = [0.5 * np.abs(difference.sum(0)) @ solid / light]
+    found += [0.5 * np.abs(difference[k]) @ solid / np.sqrt(light * own[k]) if own[k] > 1e-9 * light else 0.0 for k in (0, 1)]
+    return 100 * np.array(found)
+
+
+@pytest.mark.parametrize("azimuth", ["decay", "space"])
+@pytest.mark.parametrize("name", RECIPES)
+def test_doubling_keeps_its_promise_wherever_it_is_read(name, azimuth, evaluator, tmp_path):
+    recipe = RECIPES[name]
+    if name == "narrow" and azimuth == "space":
+        pytest.skip("lobes of 0.3° in space are beyond the solver's memory, as it says")
+    percents = PERCENT[azimuth]
+    random = np.random.default_rng(7)
+    incident = np.degrees(np.arccos(random.uniform(0.0, 1.0, INCIDENCES)))
+    incident[: INCIDENCES // 3] = 90 - random.uniform(0.0, 1.0, INCIDENCES // 3) ** 2 * 20
+    incident = np.round(np.sort(incident), 4)
+    finest = ["--solver", "doubling", "--azimuth", azimuth, "--accuracy", percents[-1] / 10]
+    truth, info = table(tmp_path, "truth", recipe, *finest, "--incident-deg", ",".join(map(str, incident)))
+    for percent in percents:
+        read, said = table(tmp_path, f"a{percent}", recipe, "--solver", "doubling", "--azimuth", azimuth, "--accuracy", percent)
+        found = np.array([apart(evaluator, read, truth, info, azimuth, np.radians(angle)) for angle in incident])
+        worst = found.max(0)
+        accuracy = said["accuracy"]
+        print(f"{name} {azimuth} {percent} %: all {worst[0]:.4f} at {incident[found[:, 0].argmax()]}°, interior {worst[1]:.4f}, "
+              f"re-hits {worst[2]:.4f}; said {accuracy['reached_percent']:.4f}, {len(said['per_incidence'])} rows, "
+              f"{said['exit_axis']}")
+        assert worst.max() <= percent
+        assert accuracy["reached_percent"] <= percent, accuracy
