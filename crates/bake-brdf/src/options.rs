@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::time::Duration;
 use transport::walk::lanes::Precision;
 
-/// Accuracy of a bake that names no target, per cent: about half a minute for the paper's pearl on two cores.
+/// Accuracy of a bake that names no target, per cent: about 15 s for the paper's pearl on two cores.
 pub const DEFAULT_ACCURACY_PERCENT: f64 = 1.0;
 
 /// Event cap of a path. The longest path seen in 10⁸ of the paper's pearl had 29,000 events; trapped light (total reflection
@@ -129,6 +129,24 @@ impl Default for Options {
     }
 }
 
+/// Checks angles of incidence, degrees.
+///
+/// # Errors
+/// None of them, one beyond \[0, 90\], or some that do not ascend.
+pub(crate) fn check_incidences(angles: &[f64]) -> Result<(), OptionError> {
+    let refuse = |why: String| Err(OptionError::new("incident_deg", why));
+    if angles.is_empty() {
+        return refuse("an empty list; expected at least one angle from 0 to 90".to_owned());
+    }
+    if let Some(angle) = angles.iter().find(|angle| !(0.0..=90.0).contains(*angle)) {
+        return refuse(format!("{angle} is not an angle of incidence; expected 0 to 90 degrees"));
+    }
+    if angles.windows(2).any(|pair| pair[0] >= pair[1]) {
+        return refuse("expected angles that ascend and differ".to_owned());
+    }
+    Ok(())
+}
+
 impl Options {
     /// Checks every range, and what does not go together.
     ///
@@ -136,21 +154,7 @@ impl Options {
     /// The first field that is wrong.
     pub fn check(&self) -> Result<(), OptionError> {
         let refuse = |field, why: String| Err(OptionError::new(field, why));
-        let angles = self.incident_deg.as_deref();
-        if angles.is_some_and(<[f64]>::is_empty) {
-            return refuse(
-                "incident_deg",
-                "an empty list; expected at least one angle from 0 to 90".to_owned(),
-            );
-        }
-        let angles = angles.unwrap_or_default();
-        if let Some(angle) = angles.iter().find(|angle| !(0.0..=90.0).contains(*angle)) {
-            let why = format!("{angle} is not an angle of incidence; expected 0 to 90 degrees");
-            return refuse("incident_deg", why);
-        }
-        if angles.windows(2).any(|pair| pair[0] >= pair[1]) {
-            return refuse("incident_deg", "expected angles that ascend and differ".to_owned());
-        }
+        self.incident_deg.as_deref().map_or(Ok(()), check_incidences)?;
         if self.event_cap == 0 {
             return refuse("event_cap", "0 events would walk nothing; expected at least 1".to_owned());
         }

@@ -2,7 +2,7 @@
 
 use super::cells::cell_shares;
 use super::halfway::{self, Reading, Row};
-use super::reading::{self, Missed};
+use super::reading::Missed;
 use super::{BakeError, Bands, Request};
 use crate::bake::sampling::Sampling;
 use crate::effects::{Effect, EffectSet};
@@ -196,19 +196,21 @@ pub(super) fn doubled(
         .map(|i| {
             let summary = doubling_summary(solution, i, request.grid.incident_deg[i]);
             let missed = solver_part(solution, i);
-            let mut shares = cell_shares(axis, solution, i).into_iter();
-            let components = Component::ALL.map(|component| {
-                let share = shares.next().unwrap_or_default();
-                let own: f64 = share.iter().sum();
-                // The estimate is a total variation: spread over the cells in proportion to their light.
-                let light = missed.components[component as usize] * reading::allowed(own, summary.albedo);
-                let relative = 2.0 * light / own.max(f64::MIN_POSITIVE);
-                CellShares {
-                    std_error: share.iter().map(|share| relative * share).collect(),
-                    count: vec![0; share.len()],
-                    share,
-                }
-            });
+            let [interior, surface, rehit] = cell_shares(axis, solution, i);
+            let components =
+                [(Component::Interior, interior), (Component::Surface, surface), (Component::Rehit, rehit)]
+                    .map(|(component, share)| {
+                        let own: f64 = share.iter().sum();
+                        // The estimate is a total variation: spread over the cells in proportion to their light.
+                        let scale = doubling::component_scale(own, summary.albedo).unwrap_or(0.0);
+                        let light = missed.components[component as usize] * scale;
+                        let relative = 2.0 * light / own.max(f64::MIN_POSITIVE);
+                        CellShares {
+                            std_error: share.iter().map(|share| relative * share).collect(),
+                            count: vec![0; share.len()],
+                            share,
+                        }
+                    });
             Incidence { summary, components, missed, noise: 0.0 }
         })
         .collect();

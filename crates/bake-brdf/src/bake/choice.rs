@@ -272,9 +272,7 @@ pub(super) fn check_doubling(
 
 /// Incidences that doubling solves, radians: those asked for, and some half-way between them.
 fn solved_incidences(request: &Request) -> Vec<f64> {
-    let mut theta_i = request.theta_i();
-    theta_i.extend(reading::middles(&theta_i));
-    theta_i
+    reading::with_middles(&request.theta_i())
 }
 
 /// [`OPERATIONS`] of doubling to `accuracy` (a share), its error estimate included.

@@ -1,7 +1,7 @@
 //! The grid of a table: at which incidences it has rows, and into which cells of exit directions each is divided.
 
 use super::{BakeError, COARSEST_DOUBLING, Request, exit_axis, placing};
-use crate::options::{DEFAULT_ACCURACY_PERCENT, OptionError, Target};
+use crate::options::{DEFAULT_ACCURACY_PERCENT, OptionError, Target, check_incidences};
 use lut_io::axis::ExitAxis;
 use serde::{Deserialize, Serialize};
 use transport::doubling::{DoublingError, Operator, Settings};
@@ -37,11 +37,7 @@ impl Grid {
     pub(super) fn from_json(text: &str) -> Result<Self, String> {
         let grid: Self = serde_json::from_str(text).map_err(|why| format!("its grid: {why}"))?;
         grid.axis.validate().map_err(|why| format!("its grid: {why}"))?;
-        let angles = &grid.incident_deg;
-        let ascend = angles.windows(2).all(|pair| pair[0] < pair[1]);
-        if angles.is_empty() || !ascend || !angles.iter().all(|angle| (0.0..=90.0).contains(angle)) {
-            return Err("its grid has incidences that no bake can have".to_owned());
-        }
+        check_incidences(&grid.incident_deg).map_err(|why| format!("its grid: {why}"))?;
         Ok(grid)
     }
 
@@ -59,10 +55,8 @@ impl Grid {
             let every_degree = || (0..=90).map(f64::from).collect();
             Self { incident_deg: options.incident_deg.clone().unwrap_or_else(every_degree), axis }
         };
-        let first = options.cells.map_or_else(
-            || exit_axis(geometry, slope_sd),
-            |cells| with_cells(exit_axis(geometry, slope_sd), cells),
-        );
+        let first = exit_axis(geometry, slope_sd);
+        let first = options.cells.map_or(first, |cells| with_cells(first, cells));
         first.validate().map_err(|why| OptionError::new("cells", why.to_string()))?;
         let both_given = options.incident_deg.is_some() && options.cells.is_some();
         if !request.effects.has_lobe() || slope_sd == 0.0 || both_given {

@@ -4,7 +4,7 @@
 //! error is *measured* there. Else it is *estimated* from second differences of the table's own rows.
 
 use super::placing;
-use super::reading::{self, Missed};
+use super::reading::{self, Missed, integral};
 use crate::prices;
 use crate::recipe::Recipe;
 use lut_io::axis::ExitAxis;
@@ -110,10 +110,6 @@ impl Row {
     }
 }
 
-fn integral(weights: &[f64], values: &[f64]) -> f64 {
-    weights.iter().zip(values).map(|(weight, value)| weight * value).sum()
-}
-
 /// From second differences: each inner row is predicted from its two neighbours. What that misses by is the error of
 /// linear interpolation over the double interval; over a single one it is a quarter. Towards either end it may go on
 /// growing as it did in the last step (lobes change fastest at grazing incidence).
@@ -154,7 +150,7 @@ impl Auxiliary {
         if super::walk_only(transport).is_some() {
             return None;
         }
-        let theta_i: Vec<f64> = theta_i.iter().copied().chain(reading::middles(theta_i)).collect();
+        let theta_i = reading::with_middles(theta_i);
         let settings = Settings::for_accuracy(transport, geometry, AUXILIARY_SHARE);
         if settings.check(transport, geometry, &theta_i).is_err() {
             return None;

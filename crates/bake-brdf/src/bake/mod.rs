@@ -226,8 +226,7 @@ fn doubled(
         return Ok(second_side::smooth(request, transport, axis, &lobes, below.as_deref()));
     }
     let share = (SOLVER_SHARE * percent / 100.0).min(COARSEST_DOUBLING);
-    let mut theta_i = request.theta_i();
-    theta_i.extend(reading::middles(&theta_i));
+    let theta_i = reading::with_middles(&request.theta_i());
     let solution = doubling::solve_to(transport, request.geometry(), &theta_i, share, both_sides)?;
     let solved = assemble::doubled(request, transport, axis, &solution);
     let below = solution.from_below.as_ref();

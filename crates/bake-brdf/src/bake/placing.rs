@@ -93,8 +93,7 @@ pub(super) fn rows(
     for _ in 0..ROUNDS {
         let incident_deg = bend.place(AIM * share);
         let theta_i: Vec<f64> = incident_deg.iter().map(|degrees| degrees.to_radians()).collect();
-        let all: Vec<f64> = theta_i.iter().copied().chain(reading::middles(&theta_i)).collect();
-        let samples = sampled(&all)?;
+        let samples = sampled(&reading::with_middles(&theta_i))?;
         let (nodes, middles) = samples.split_at(theta_i.len());
         let missed: Vec<f64> = reading::half_way(axis, nodes, middles).iter().map(Missed::worst).collect();
         let worst = missed.iter().copied().fold(0.0, f64::max);

@@ -9,10 +9,9 @@ use lut_io::axis::{ExitAxis, Stretched};
 use lut_io::monotone::Monotone;
 use lut_io::table::Component;
 use lut_io::{decay, measure};
-
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
-use transport::doubling::{Matrix, Solution};
+use transport::doubling::{Matrix, Solution, component_scale};
 
 /// Positions at which a lobe is sampled to read between rows: one φ and many signed exit angles (plane), φ and θo (space).
 const PLANE_SAMPLES: [usize; 2] = [1, 192];
@@ -21,13 +20,10 @@ const SPACE_SAMPLES: [usize; 2] = [24, 64];
 const SUB_SAMPLES: usize = 3;
 /// Points over which decays of two widths are compared.
 const AZIMUTHS: usize = 16;
-/// Light of a component, as a share of all, below which it is rounding.
-const FAINTEST: f64 = 1e-9;
 
 /// Total variation that something adds, as a share of the light that comes back.
 ///
-/// A component's is a share of √(all light · its own light): one with a hundredth of the light may be off by ten times as large a
-/// share of itself, as if its error came from counting.
+/// A component's is a share of its [`component_scale`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Missed {
     /// Of all light, with the single reflection in closed form.
@@ -54,11 +50,6 @@ impl Missed {
         let round = |share: f64| format!("{share:.2e}").parse().unwrap_or(share);
         Self { all: round(self.all), components: self.components.map(round) }
     }
-}
-
-/// What a component may be off by, in light, where all light may be off by 1: its rule in [`Missed`].
-pub(super) fn allowed(own: f64, all: f64) -> f64 {
-    (own * all).sqrt()
 }
 
 /// A lobe at positions of its exit axis.
@@ -175,8 +166,7 @@ impl Sample {
         };
         let all = self.all();
         let component = |c: usize| {
-            let own = self.shares[c];
-            if own > FAINTEST * all { apart(&read[c], &here[c]) / allowed(own, all) } else { 0.0 }
+            component_scale(self.shares[c], all).map_or(0.0, |scale| apart(&read[c], &here[c]) / scale)
         };
         Missed { all: apart(&tabulated(read), &tabulated(&here)) / all, components: [0, 1, 2].map(component) }
     }
@@ -232,9 +222,10 @@ pub(super) fn half_way(axis: &ExitAxis, nodes: &[Sample], middles: &[Sample]) ->
     intervals.map(|(pair, here)| here.missed_by(axis, &pair[0], &pair[1], read(here.theta_i))).collect()
 }
 
-/// The middles between incidences.
-pub(super) fn middles(theta_i: &[f64]) -> Vec<f64> {
-    theta_i.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect()
+/// Incidences, and behind them the middles between them.
+pub(super) fn with_middles(theta_i: &[f64]) -> Vec<f64> {
+    let middles = theta_i.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
+    theta_i.iter().copied().chain(middles).collect()
 }
 
 /// The positions of samples along an axis, and dx of each.
@@ -248,7 +239,7 @@ fn midpoints(axis: &Stretched, count: usize) -> (Vec<f64>, Vec<f64>) {
         .unzip()
 }
 
-fn integral(weights: &[f64], values: &[f64]) -> f64 {
+pub(super) fn integral(weights: &[f64], values: &[f64]) -> f64 {
     weights.iter().zip(values).map(|(weight, value)| weight * value).sum()
 }
 

@@ -18,7 +18,7 @@ use terminal::{Manners, Outcome};
 #[derive(Debug, Parser)]
 #[command(name = "bake-brdf", version, args_conflicts_with_subcommands = true)]
 #[command(after_help = "Examples:
-  bake-brdf                                  the paper's pearl into pearl.exr, about half a minute
+  bake-brdf                                  the paper's pearl into pearl.exr, about 15 seconds
   bake-brdf akoya.json -o akoya.exr          a recipe
   bake-brdf --accuracy 0.3 -o fine.exr       0.3 % total variation at the worst incidence
   bake-brdf --paths 1000000 --seed 7 --json  a million paths per incidence, report as JSON

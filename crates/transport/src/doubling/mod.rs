@@ -28,7 +28,7 @@ use rayon::prelude::*;
 pub use self::matrix::Matrix;
 pub use self::settings::{Cost, DoublingError, OPERATIONS, Settings, prices};
 pub use self::smooth::smooth;
-pub use self::solution::{Basis, ErrorEstimate, FAINT, Lobe, Solution};
+pub use self::solution::{Basis, ErrorEstimate, FAINT, Lobe, Solution, component_scale};
 pub use self::surface::SingleReflection;
 
 use self::facets::{Fate, Interface};
@@ -54,101 +54,6 @@ struct Sides {
 fn key(a: f64, b: f64) -> (u64, u64) {
     let (low, high) = if a <= b { (a, b) } else { (b, a) };
     (low.to_bits(), high.to_bits())
-}
-
-/// Everything that the modes share.
-struct Problem<'a> {
-    grid: &'a Grid,
-    elements: &'a [Element],
-    runs: &'a [Run],
-    sides: &'a HashMap<(u64, u64), Sides>,
-}
-
-impl Problem<'_> {
-    fn resolved(&self, above: f64, below: f64, mode: usize) -> Resolved {
-        let sides = &self.sides[&key(above, below)];
-        if sides.first == above {
-            Resolved::new(&sides.near, &sides.far, mode)
-        } else {
-            Resolved::new(&sides.far, &sides.near, mode)
-        }
-    }
-
-    /// exp(−τ/|cos θ|) at the nodes.
-    fn keep(&self, depth: f64) -> Option<Vec<f64>> {
-        (depth > 0.0).then(|| self.grid.theta.iter().map(|theta| (-depth / theta.cos()).exp()).collect())
-    }
-
-    /// The layers and interfaces below interface 0 in one mode.
-    fn body(&self, mode: usize) -> Slab {
-        let mut interfaces: HashMap<(u64, u64), Slab> = HashMap::new();
-        let mut body: Option<Slab> = None;
-        for run in self.runs.iter().rev() {
-            let top = self.run(run, mode, &mut interfaces);
-            body = Some(match body {
-                None => top,
-                Some(lower) => top.above(&lower),
-            });
-        }
-        body.unwrap_or_else(|| Slab::nothing(self.grid.len()))
-    }
-
-    fn interface(&self, above: f64, below: f64, mode: usize, known: &mut HashMap<(u64, u64), Slab>) -> Slab {
-        if above.to_bits() == below.to_bits() {
-            return Slab::nothing(self.grid.len()); // no index step: facets change nothing
-        }
-        let id = (above.to_bits(), below.to_bits());
-        if let Some(slab) = known.get(&id) {
-            return slab.clone();
-        }
-        let slab = self.resolved(above, below, mode).slab();
-        known.insert((id.1, id.0), slab.flipped());
-        known.insert(id, slab.clone());
-        slab
-    }
-
-    fn element(&self, element: &Element, mode: usize, known: &mut HashMap<(u64, u64), Slab>) -> Slab {
-        let slab = self.interface(element.above, element.below, mode, known);
-        match self.keep(element.depth) {
-            Some(keep) => slab.attenuated_above(&keep),
-            None => slab,
-        }
-    }
-
-    fn run(&self, run: &Run, mode: usize, known: &mut HashMap<(u64, u64), Slab>) -> Slab {
-        let cell = &self.elements[run.start..run.start + run.period];
-        if run.period == 2 && run.count > 1 {
-            return self.pairs(cell[0], cell[1], run.count, mode, known);
-        }
-        let mut slab = self.element(&cell[run.period - 1], mode, known);
-        for element in cell[..run.period - 1].iter().rev() {
-            slab = self.element(element, mode, known).above(&slab);
-        }
-        let lossless = mode == 0 && cell.iter().all(|element| element.depth == 0.0);
-        slab.power(run.count, lossless)
-    }
-
-    /// `count` pairs of layers a, c. With half of a's absorption on either side the cell ½a·I(a|c)·c·I(c|a)·½a is
-    /// its own mirror image, and doubling needs R and T only.
-    fn pairs(
-        &self,
-        a: Element,
-        c: Element,
-        count: usize,
-        mode: usize,
-        known: &mut HashMap<(u64, u64), Slab>,
-    ) -> Slab {
-        let upper = self.interface(a.above, a.below, mode, known);
-        let lower = self.element(&c, mode, known);
-        let pair = upper.above(&lower);
-        let Some(half) = self.keep(0.5 * a.depth) else {
-            return Slab::from(Mirror { r: pair.r, t: pair.t }.power(count, mode == 0 && c.depth == 0.0));
-        };
-        let half_above = pair.attenuated_above(&half);
-        let cell = half_above.clone().flipped().attenuated_above(&half);
-        let cells = Slab::from(Mirror { r: cell.r, t: cell.t }.power(count - 1, false));
-        cells.above(&half_above).attenuated_above(&half)
-    }
 }
 
 /// Solves `transport` for each incidence `theta_i` (radians, in \[0, π/2\]), and, with [`Settings::both_sides`], for light
@@ -287,13 +192,102 @@ impl Plan {
 
     /// One mode of the whole stack.
     fn mode(&self, mode: usize) -> Mode {
-        let problem =
-            Problem { grid: &self.grid, elements: &self.elements, runs: &self.runs, sides: &self.sides };
-        let top = problem.resolved(self.transport.indices[0], self.transport.indices[1], mode);
+        let top = self.resolved(self.transport.indices[0], self.transport.indices[1], mode);
         let Slab { r_below, t_below, .. } = top.slab();
-        let Slab { r: body_r, t: body_t, .. } = problem.body(mode);
+        let Slab { r: body_r, t: body_t, .. } = self.body(mode);
         let between = Resolvent::new(r_below.times(&body_r));
         Mode { top, t_below, body_r, body_t, between }
+    }
+
+    fn resolved(&self, above: f64, below: f64, mode: usize) -> Resolved {
+        let sides = &self.sides[&key(above, below)];
+        if sides.first == above {
+            Resolved::new(&sides.near, &sides.far, mode)
+        } else {
+            Resolved::new(&sides.far, &sides.near, mode)
+        }
+    }
+
+    /// exp(−τ/|cos θ|) at the nodes.
+    fn keep(&self, depth: f64) -> Option<Vec<f64>> {
+        (depth > 0.0).then(|| self.grid.theta.iter().map(|theta| (-depth / theta.cos()).exp()).collect())
+    }
+
+    /// The layers and interfaces below interface 0 in one mode.
+    fn body(&self, mode: usize) -> Slab {
+        let mut interfaces: HashMap<(u64, u64), Slab> = HashMap::new();
+        let mut body: Option<Slab> = None;
+        for run in self.runs.iter().rev() {
+            let top = self.run(run, mode, &mut interfaces);
+            body = Some(match body {
+                None => top,
+                Some(lower) => top.above(&lower),
+            });
+        }
+        body.unwrap_or_else(|| Slab::nothing(self.grid.len()))
+    }
+
+    fn interface_slab(
+        &self,
+        above: f64,
+        below: f64,
+        mode: usize,
+        known: &mut HashMap<(u64, u64), Slab>,
+    ) -> Slab {
+        if above.to_bits() == below.to_bits() {
+            return Slab::nothing(self.grid.len()); // no index step: facets change nothing
+        }
+        let id = (above.to_bits(), below.to_bits());
+        if let Some(slab) = known.get(&id) {
+            return slab.clone();
+        }
+        let slab = self.resolved(above, below, mode).slab();
+        known.insert((id.1, id.0), slab.flipped());
+        known.insert(id, slab.clone());
+        slab
+    }
+
+    fn element(&self, element: &Element, mode: usize, known: &mut HashMap<(u64, u64), Slab>) -> Slab {
+        let slab = self.interface_slab(element.above, element.below, mode, known);
+        match self.keep(element.depth) {
+            Some(keep) => slab.attenuated_above(&keep),
+            None => slab,
+        }
+    }
+
+    fn run(&self, run: &Run, mode: usize, known: &mut HashMap<(u64, u64), Slab>) -> Slab {
+        let cell = &self.elements[run.start..run.start + run.period];
+        if run.period == 2 && run.count > 1 {
+            return self.pairs(cell[0], cell[1], run.count, mode, known);
+        }
+        let mut slab = self.element(&cell[run.period - 1], mode, known);
+        for element in cell[..run.period - 1].iter().rev() {
+            slab = self.element(element, mode, known).above(&slab);
+        }
+        let lossless = mode == 0 && cell.iter().all(|element| element.depth == 0.0);
+        slab.power(run.count, lossless)
+    }
+
+    /// `count` pairs of layers a, c. With half of a's absorption on either side the cell ½a·I(a|c)·c·I(c|a)·½a is
+    /// its own mirror image, and doubling needs R and T only.
+    fn pairs(
+        &self,
+        a: Element,
+        c: Element,
+        count: usize,
+        mode: usize,
+        known: &mut HashMap<(u64, u64), Slab>,
+    ) -> Slab {
+        let upper = self.interface_slab(a.above, a.below, mode, known);
+        let lower = self.element(&c, mode, known);
+        let pair = upper.above(&lower);
+        let Some(half) = self.keep(0.5 * a.depth) else {
+            return Slab::from(Mirror { r: pair.r, t: pair.t }.power(count, mode == 0 && c.depth == 0.0));
+        };
+        let half_above = pair.attenuated_above(&half);
+        let cell = half_above.clone().flipped().attenuated_above(&half);
+        let cells = Slab::from(Mirror { r: cell.r, t: cell.t }.power(count - 1, false));
+        cells.above(&half_above).attenuated_above(&half)
     }
 }
 
@@ -459,7 +453,7 @@ mod tests {
         for geometry in [Geometry::Plane, Geometry::Space] {
             let grid = Grid::new(geometry, settings.nodes);
             let solution = solve(&transport, geometry, &grid.theta, &settings).unwrap();
-            let slab = whole_slab(&transport, &grid, &settings);
+            let slab = whole_slab(&transport, geometry, &settings);
             let below = solution.from_below.unwrap();
             for (k, lobe) in below.lobes.iter().enumerate() {
                 let sums = [&slab.r_below, &slab.t_below].map(|part| part.column(k).iter().sum::<f64>());
@@ -471,28 +465,8 @@ mod tests {
     }
 
     /// Mode 0 of all interfaces, joined.
-    fn whole_slab(transport: &Transport, grid: &Grid, settings: &Settings) -> Slab {
-        let elements = elements(transport);
-        let runs = runs(&elements);
-        let sampling = settings.sampling(grid);
-        let side = |from: f64, to: f64| Interface {
-            eta: from / to,
-            facets: transport.facets,
-            light: transport.light,
-            sampling,
-        };
-        let sides = transport
-            .indices
-            .windows(2)
-            .map(|pair| {
-                let columns = |a: f64, b: f64| {
-                    columns(&side(a, b), grid, settings.modes_in(grid.geometry), &grid.theta)
-                };
-                let (near, far) = (columns(pair[0], pair[1]), columns(pair[1], pair[0]));
-                (key(pair[0], pair[1]), Sides { first: pair[0], near, far })
-            })
-            .collect();
-        let problem = Problem { grid, elements: &elements, runs: &runs, sides: &sides };
-        problem.resolved(transport.indices[0], transport.indices[1], 0).slab().above(&problem.body(0))
+    fn whole_slab(transport: &Transport, geometry: Geometry, settings: &Settings) -> Slab {
+        let plan = Plan::new(transport, geometry, settings).unwrap();
+        plan.resolved(transport.indices[0], transport.indices[1], 0).slab().above(&plan.body(0))
     }
 }

@@ -39,16 +39,21 @@ pub struct Lobe {
 /// than this is judged as if it had it.
 pub const FAINT: f64 = 1e-3;
 
-/// Light of a component, as a share of all reflected light, below which it is rounding.
-const FAINTEST: f64 = 1e-9;
+/// What the error of a component is judged by where all reflected light is by itself: √(own light · all light), so that one with a
+/// hundredth of the light may be off by ten times as large a share of itself, as if it had been counted. `None` for a component
+/// so faint that it is rounding.
+#[must_use]
+pub fn component_scale(own: f64, all: f64) -> Option<f64> {
+    const FAINTEST: f64 = 1e-9;
+    (own > FAINTEST * all).then(|| (own * all).sqrt())
+}
 
 /// How far two resolutions are apart: the solver's own error estimate.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ErrorEstimate {
     /// Estimated total variation of the reflected lobe, as a share of the reflected light, by incidence.
     pub total_variation: Vec<f64>,
-    /// The same of the interior and of what met interface 0 more than once, each as a share of √(all reflected light · its own): a
-    /// component with a hundredth of the light may be off by ten times as large a share of itself, as if it had been counted.
+    /// The same of the interior and of what met interface 0 more than once, each as a share of its [`component_scale`].
     pub components: [Vec<f64>; 2],
     /// The same of the transmitted lobe, as a share of the transmitted light (or of [`FAINT`], if that is more); only where
     /// both sides are solved.
@@ -244,7 +249,7 @@ impl Solution {
                 Geometry::Space => Matrix::zeros(interior.rows(), interior.columns()),
             };
             let part = |difference: &Matrix, own: f64| {
-                if own > FAINTEST * all { apart(difference, (own * all).sqrt()) } else { 0.0 }
+                component_scale(own, all).map_or(0.0, |scale| apart(difference, scale))
             };
             let components = [part(&interior, lobe.albedo - lobe.surface), part(&rehit, lobe.rehit)];
             [apart(&interior.with(&rehit, |a, b| a + b), all), components[0], components[1]]
