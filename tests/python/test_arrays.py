@@ -3,7 +3,6 @@
 import json
 import os
 import pathlib
-import re
 import subprocess
 
 import numpy as np
@@ -38,14 +37,6 @@ def run(tool, *args, text=None):
     done = subprocess.run([BIN / tool, *map(str, args)], capture_output=True, text=True, input=text)
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-@pytest.fixture(scope="module")
-def evaluator():
-    page = (ROOT / "docs" / "ARRAYS.md").read_text(encoding="utf-8")
-    names = {}
-    exec("\n".join(re.findall(r"^```python\n(.*?)^```", page, re.S | re.M)), names)
-    return names
 
 
 @pytest.fixture(scope="module", params=TABLES)
