@@ -407,7 +407,7 @@ struct LaneWave {
     /// N² of every medium.
     eps: Vec<Complex64>,
     /// kₓ/k₀.
-    kx: Complex64,
+    kx: f64,
 }
 
 impl LaneWave {
@@ -416,7 +416,7 @@ impl LaneWave {
         let media = || indices.materials.iter().chain([&indices.ambient, &indices.substrate]);
         let kz: Vec<Complex64> = media().map(|&index| sqrt_upper(wave.kz2(index))).collect();
         let eps: Vec<Complex64> = media().map(|index| index * index).collect();
-        Ok(Self { q_p: kz.iter().zip(&eps).map(|(kz, eps)| kz / eps).collect(), kz, eps, kx: wave.kx() })
+        Ok(Self { q_p: kz.iter().zip(&eps).map(|(kz, eps)| kz / eps).collect(), kz, eps, kx: wave.kx })
     }
 
     fn admittance(&self, medium: usize, polarisation: Polarisation) -> Complex64 {
@@ -579,7 +579,7 @@ impl<'a> TileLanes<'a> {
     fn energy_weights(&self, medium: usize, up: &[Lanes; 2], kz: Lanes) -> ([Lanes; 2], [Lanes; 2]) {
         let n2 = self.gather(|wave| wave.eps[medium].re);
         let face = (kz * self.k0).map(|rate| 0.5 / rate);
-        let bias = (kz * kz - self.gather(|wave| wave.kx.norm_sqr())) / (n2 * n2);
+        let bias = (kz * kz - self.gather(|wave| wave.kx * wave.kx)) / (n2 * n2);
         ([Lanes::splat(0.5), n2.map(|n2| 0.5 / n2)], [-(face * up[0]), face * up[1] * bias])
     }
 

@@ -88,7 +88,7 @@ impl Multilayer {
             let eps = layer.index * layer.index;
             let (weight_b, weight_c, slope) = match polarisation {
                 Polarisation::S => (1.0, 0.0, Complex64::new(1.0, 0.0)),
-                Polarisation::P => ((wave.kx() / eps).norm_sqr(), 1.0, 1.0 / eps),
+                Polarisation::P => ((wave.kx / eps).norm_sqr(), 1.0, 1.0 / eps),
             };
             let kz2 = wave.kz2(layer.index);
             let top = depth;

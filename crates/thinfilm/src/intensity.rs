@@ -4,8 +4,10 @@
 //! Every quantity is a sum of positive terms: 1 − R′R is formed as (T + A)′ + R′(T + A), so nothing cancels and T is
 //! right down to the end of f64.
 
-use crate::stack::{Stack, StackError, StackLayer};
-use crate::wave::{InPlaneWave, Incidence, Layer, Multilayer, Polarisation, Run, WaveError, sqrt_upper};
+use crate::stack::{Gain, Stack, StackError, StackLayer};
+use crate::wave::{
+    InPlaneWave, Incidence, Layer, Multilayer, Polarisation, PowerBalance, Run, WaveError, sqrt_upper,
+};
 use num_complex::Complex64;
 
 /// Shares of power that a slab or an interface reflects, transmits and absorbs; `_back` for light from below.
@@ -128,24 +130,34 @@ pub fn fresnel_complex(n1: Complex64, cos1: f64, n2: Complex64) -> (f64, f64) {
     (s.norm_sqr().min(1.0), p.norm_sqr().min(1.0))
 }
 
-/// A stack of real indices whose intensities add at every interface, met at θ (radians): R_incoherent. `indices` are those of the
-/// ambient, the layers and the substrate, `optical_depths` 4πkd/λ of each layer; of the light at every interface `share_of_s`
-/// is s, the rest p. `sheet` is the reflectance (s, p) of what stands in place of an interface, given its number (0 is the first)
-/// and the cosine of the angle above it; `None` for a bare one.
+/// A stack whose intensities add at every interface, met at θ (radians) from a clear ambient, by the rays of [`fresnel_complex`]:
+/// R_incoherent. `indices`, real or complex, are those of the ambient, the layers and the substrate, `optical_depths` 4πkd/λ of each layer; of the light
+/// at every interface `share_of_s` is s, the rest p. `sheet` is the reflectance (s, p) of what stands in place of an interface, given
+/// its number (0 is the first) and the cosine of the angle above it; `None` for a bare one.
 #[must_use]
 pub fn incoherent(
-    indices: &[f64],
+    indices: &[impl Into<Complex64> + Copy],
     optical_depths: &[f64],
     theta: f64,
     share_of_s: f64,
     sheet: impl Fn(usize, f64) -> Option<(f64, f64)>,
 ) -> Intensity {
-    let sin = indices.first().map_or(0.0, |n| n * theta.sin());
-    let cos = |n: f64| (1.0 - (sin / n).powi(2)).max(0.0).sqrt();
-    let interface = |(at, pair): (usize, &[f64])| {
+    let indices: Vec<Complex64> = indices.iter().map(|&n| n.into()).collect();
+    let sin = indices.first().map_or(0.0, |n| n.re * theta.sin());
+    let cos = |n: Complex64| (1.0 - (sin / n.re).powi(2)).max(0.0).sqrt();
+    let interface = |(at, pair): (usize, &[Complex64])| {
         let (above, below) = (cos(pair[0]), cos(pair[1]));
-        let (s, p) = sheet(at, above).unwrap_or_else(|| fresnel(pair[0], above, pair[1], below));
-        let face = Intensity::interface(share_of_s * s + (1.0 - share_of_s) * p);
+        let is_clear = pair[0].im == 0.0 && pair[1].im == 0.0;
+        let bare = || match is_clear {
+            true => fresnel(pair[0].re, above, pair[1].re, below),
+            false => fresnel_complex(pair[0], above, pair[1]),
+        };
+        let (s, p) = sheet(at, above).unwrap_or_else(bare);
+        let mut face = Intensity::interface(share_of_s * s + (1.0 - share_of_s) * p);
+        if below <= 0.0 {
+            // No ray goes on.
+            face.absorptance = std::mem::take(&mut face.transmittance);
+        }
         match optical_depths.get(at) {
             Some(&depth) if depth > 0.0 => face.star(&Intensity::crossing(depth / below)),
             _ => face,
@@ -158,12 +170,17 @@ pub fn incoherent(
 /// A stack that is coherent but for the layers that `incoherent` names (a substrate of a millimetre between coatings):
 /// amplitudes add inside each coherent group, intensities between the groups.
 ///
-/// An incoherent layer is taken to absorb little over a wavelength: its k acts on the way through it, not at its faces, an
-/// error of (k/n)². Back-side values are 0 for the last group, behind which nothing comes back.
+/// It is the mean over the phase of the light in an incoherent layer, every crossing with a phase of its own, whatever the layer
+/// absorbs or amplifies. With r and r′ of a group between its two media from above and from below, R = |r|², R′ = |r′|² and T = |t t′|
+/// of the complex admittances, both ways the same, and a layer passes |e^(iδ)|². So A of a group between absorbing media may be
+/// negative, that of the whole is not (without gain). **A layer in which light does not travel** (n² − k² ≤ kₓ²: total reflection, a
+/// metal) has no phase to take a mean over: its amplitudes add, as in a coherent one.
+///
+/// Back-side values are 0 for the last group, behind which nothing comes back.
 ///
 /// # Errors
-/// As [`Stack::at`] and [`Multilayer::solve`]; an absorbing ambient, gain, an incoherent layer that light of this angle does not
-/// enter; more than [`crate::field::MOST_LISTED_LAYERS`] layers.
+/// As [`Stack::at`] and [`Multilayer::solve_with_gain`]; an absorbing ambient; light that gains more on its way through a layer and back than
+/// its ends let out; more than [`crate::field::MOST_LISTED_LAYERS`] layers.
 ///
 /// ```
 /// use thinfilm::{Material, Polarisation, Stack, intensity};
@@ -187,90 +204,91 @@ pub fn mixed(
     theta: f64,
     polarisation: Polarisation,
 ) -> Result<Intensity, StackError> {
-    stack.check()?;
-    let indices = stack.indices(wavelength)?;
     let most = crate::field::MOST_LISTED_LAYERS;
     if stack.layer_count() > u128::from(most) {
         return Err(WaveError::TooManyLayers { layers: stack.layer_count(), most }.into());
     }
-    if indices.ambient.im != 0.0 {
+    let film = stack.at(wavelength)?;
+    film.check(wavelength)?;
+    if film.ambient.im != 0.0 {
         return Err(WaveError::Unsuitable("intensities need an ambient without absorption".to_owned()).into());
     }
-    let kx = indices.ambient.re * theta.sin();
+    let wave = InPlaneWave::new(film.ambient, Incidence::Angle(theta))?;
+    film.check_phases(&wave, wavelength)?;
     let k0 = std::f64::consts::TAU / wavelength;
-    let mut group =
-        Group { above: indices.ambient.re, incidence: Incidence::Angle(theta), layers: Vec::new() };
-    let mut whole = Intensity::CLEAR;
-    for (at, layer) in stack.layers().enumerate() {
-        let index = indices.materials[layer.material];
-        if index.im < 0.0 {
-            return Err(WaveError::Gain { medium: format!("layer {}", at + 1), k: index.im }.into());
-        }
-        if !incoherent(&layer) {
-            group.layers.push(Layer { index, thickness: layer.thickness });
+    let groups = Groups { wave: &wave, wavelength, polarisation };
+    let (mut above, mut layers, mut whole) = (film.ambient, Vec::new(), Intensity::CLEAR);
+    for (named, layer) in stack.layers().zip(film.layers()) {
+        if !incoherent(&named) || wave.kz2(layer.index).re <= 0.0 {
+            layers.push(layer);
             continue;
         }
-        if index.re <= kx {
-            let why = format!("layer {} is incoherent, but light of this angle does not enter it", at + 1);
-            return Err(WaveError::Unsuitable(why).into());
+        whole = below_threshold(&whole, &groups.between(above, std::mem::take(&mut layers), layer.index))?;
+        let decay = wave.admittance(layer.index, Polarisation::S).im;
+        whole = below_threshold(&whole, &Intensity::crossing(2.0 * k0 * decay * layer.thickness))?;
+        above = layer.index;
+    }
+    let mut whole = below_threshold(&whole, &groups.last(above, layers, film.substrate))?;
+    if stack.gain == Gain::Refused {
+        whole.absorptance = whole.absorptance.max(0.0);
+    }
+    Ok(whole)
+}
+
+/// `above.star(below)` where the sum over all orders of reflection between them has an end.
+fn below_threshold(above: &Intensity, below: &Intensity) -> Result<Intensity, WaveError> {
+    let whole = above.star(below);
+    let numbers = [whole.reflectance, whole.reflectance_back, whole.transmittance, whole.absorptance];
+    let is_bounded =
+        above.reflectance_back * below.reflectance <= 1.0 && numbers.iter().all(|x| x.is_finite());
+    is_bounded.then_some(whole).ok_or(WaveError::Unbounded)
+}
+
+/// Coherent layers between media in which intensities are defined.
+struct Groups<'a> {
+    wave: &'a InPlaneWave,
+    wavelength: f64,
+    polarisation: Polarisation,
+}
+
+impl Groups<'_> {
+    fn admittance(&self, index: Complex64) -> Complex64 {
+        self.wave.admittance(index, self.polarisation)
+    }
+
+    /// R, T and A from above; T is in units of `flux`/4 in the two media.
+    fn one_way(&self, film: &Multilayer, flux: f64, balance: PowerBalance) -> [f64; 3] {
+        let q_0 = self.admittance(film.ambient);
+        let top = film.top_admittance(self.wave, self.wavelength, self.polarisation);
+        if top.reflected(q_0).is_none() {
+            return [0.0, 1.0, 0.0];
         }
-        whole = whole.star(&group.between(index.re, wavelength, polarisation)?);
-        let kz = sqrt_upper((index - kx) * (index + kx));
-        whole = whole.star(&Intensity::crossing(2.0 * k0 * kz.im * layer.thickness));
-        group = Group { above: index.re, incidence: Incidence::InPlane(kx), layers: Vec::new() };
-    }
-    Ok(whole.star(&group.last(indices.substrate, wavelength, polarisation)?))
-}
-
-/// Coherent layers below a medium in which intensities are defined.
-struct Group {
-    above: f64,
-    incidence: Incidence,
-    layers: Vec<Layer>,
-}
-
-impl Group {
-    fn stack(above: Complex64, layers: Vec<Layer>, below: Complex64) -> Multilayer {
-        Multilayer { ambient: above, runs: vec![Run { unit: layers, repeat: 1 }], substrate: below }
+        let [reflectance, transmittance, _] = top.powers(q_0, flux, balance);
+        [reflectance, transmittance, balance.absorptance(reflectance, transmittance)]
     }
 
-    /// Above another medium of real index.
-    fn between(
-        &self,
-        below: f64,
-        wavelength: f64,
-        polarisation: Polarisation,
-    ) -> Result<Intensity, WaveError> {
-        let (above, below) = (Complex64::new(self.above, 0.0), Complex64::new(below, 0.0));
-        let down = Self::stack(above, self.layers.clone(), below);
-        let up = Self::stack(below, self.layers.iter().rev().copied().collect(), above);
-        let kx = InPlaneWave::new(above, self.incidence)?.kx().re;
-        let down = down.solve(wavelength, self.incidence, polarisation)?;
-        let up = up.solve(wavelength, Incidence::InPlane(kx), polarisation)?;
-        Ok(Intensity {
-            reflectance: down.reflectance,
-            reflectance_back: up.reflectance,
-            transmittance: down.transmittance,
-            absorptance: down.absorptance,
-            absorptance_back: up.absorptance,
-        })
+    fn between(&self, above: Complex64, layers: Vec<Layer>, below: Complex64) -> Intensity {
+        let film = |above, unit, below| Multilayer {
+            ambient: above,
+            runs: vec![Run { unit, repeat: 1 }],
+            substrate: below,
+        };
+        let up = film(below, layers.iter().rev().copied().collect(), above);
+        let down = film(above, layers, below);
+        let flux = 4.0 * self.admittance(above).norm() * self.admittance(below).norm();
+        // R + T = 1 takes two clear media.
+        let balance = if below.im == 0.0 { down.balance() } else { PowerBalance::Any };
+        let [reflectance, transmittance, absorptance] = self.one_way(&down, flux, balance);
+        let [reflectance_back, _, absorptance_back] = self.one_way(&up, flux, balance);
+        Intensity { reflectance, reflectance_back, transmittance, absorptance, absorptance_back }
     }
 
-    /// Above the substrate, from which nothing comes back.
-    fn last(
-        &self,
-        substrate: Complex64,
-        wavelength: f64,
-        polarisation: Polarisation,
-    ) -> Result<Intensity, WaveError> {
-        let stack = Self::stack(Complex64::new(self.above, 0.0), self.layers.clone(), substrate);
-        let response = stack.solve(wavelength, self.incidence, polarisation)?;
-        Ok(Intensity {
-            reflectance: response.reflectance,
-            transmittance: response.transmittance,
-            absorptance: response.absorptance,
-            ..Intensity::CLEAR
-        })
+    /// Above the substrate, from which nothing comes back: T is what enters it.
+    fn last(&self, above: Complex64, layers: Vec<Layer>, substrate: Complex64) -> Intensity {
+        let film = Multilayer { ambient: above, runs: vec![Run { unit: layers, repeat: 1 }], substrate };
+        let flux = 4.0 * self.admittance(above).norm() * self.admittance(substrate).re;
+        let [reflectance, transmittance, absorptance] = self.one_way(&film, flux, film.balance());
+        Intensity { reflectance, transmittance, absorptance, ..Intensity::CLEAR }
     }
 }
 
@@ -368,6 +386,29 @@ mod tests {
         assert!((s / 1e-18 - 1.0).abs() < 1e-14, "{s:e}");
     }
 
+    /// A layer that absorbs between others and a metal, of optical depth x: the sum over all orders, and power is conserved where no
+    /// ray goes on, too.
+    #[test]
+    fn rays_add_up_over_media_that_absorb() {
+        let media = [Complex64::new(1.3, 0.0), Complex64::new(1.5, 0.02), Complex64::new(0.06, 3.6)];
+        for (theta, share) in [(0.0f64, 0.5), (0.6, 1.0), (1.2, 0.0)] {
+            let inside = (1.0 - (1.3 * theta.sin() / 1.5).powi(2)).sqrt();
+            let of = |(s, p): (f64, f64)| share * s + (1.0 - share) * p;
+            let top = of(fresnel_complex(media[0], theta.cos(), media[1]));
+            let bottom = of(fresnel_complex(media[1], inside, media[2]));
+            let once = f64::exp(-0.3 / inside);
+            let expected =
+                top + (1.0 - top).powi(2) * bottom * once * once / (1.0 - top * bottom * once * once);
+            let whole = incoherent(&media, &[0.3], theta, share, |_, _| None);
+            assert!((whole.reflectance - expected).abs() < 1e-14, "{theta}: {whole:?} {expected}");
+            let sum = whole.reflectance + whole.transmittance + whole.absorptance;
+            assert!((sum - 1.0).abs() < 1e-14, "{whole:?}");
+        }
+        // Total reflection before a clear medium loses what the standing wave absorbs, and passes nothing.
+        let whole = incoherent(&[media[1], Complex64::from(1.0)], &[], 1.2, 0.5, |_, _| None);
+        assert!(whole.transmittance == 0.0 && whole.reflectance < 0.99, "{whole:?}");
+    }
+
     /// A coated plate of 1 mm: its intensities added, and its amplitudes averaged over a line that its fringes (0.1 nm) do not
     /// survive, while the coating (fringes of 500 nm) does not feel it.
     #[test]
@@ -382,7 +423,7 @@ mod tests {
                 repeat: 1,
             }],
             substrate: Material::constant(1.0),
-            gain: crate::Gain::Refused,
+            gain: Gain::Refused,
         };
         let line = crate::line::Line { shape: crate::line::Shape::Gaussian, width: 1e-9 };
         for theta in [0.0, 0.6, 1.2] {

@@ -6,7 +6,7 @@ use rand::rngs::StdRng;
 use rand_distr::{Distribution as _, Normal};
 
 use crate::material::{Material, MaterialError, nanometres};
-use crate::wave::{Layer, Multilayer, Run, WaveError};
+use crate::wave::{Layer, Multilayer, Run, WaveError, check_half_spaces};
 
 /// One layer of a stack: which material, how thick, how irregular.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,7 +28,7 @@ pub struct StackRun {
     pub repeat: u64,
 }
 
-/// Whether negative k is meant.
+/// Whether negative k of layers is meant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Gain {
     /// A negative k is an error.
@@ -176,30 +176,30 @@ impl Stack {
     /// Indices of ambient, materials and substrate at a vacuum wavelength in metres.
     ///
     /// # Errors
-    /// A table that does not cover the wavelength; negative k without [`Gain::Allowed`]; a wavelength that is no length.
+    /// A table that does not cover the wavelength; negative k of a half-space, or of a layer without [`Gain::Allowed`]; a wavelength
+    /// that is no length.
     pub fn indices(&self, wavelength: f64) -> Result<Indices, StackError> {
         if !(wavelength.is_finite() && wavelength > 0.0) {
             return Err(WaveError::Wavelength { wavelength_nm: nanometres(wavelength) }.into());
         }
         let index = |material: &Material, medium: &dyn Fn() -> String| {
-            let index = material
-                .index(wavelength)
-                .map_err(|source| StackError::Material { medium: medium(), source })?;
+            material.index(wavelength).map_err(|source| StackError::Material { medium: medium(), source })
+        };
+        let layer = |(at, material): (usize, &Material)| {
+            let medium = || format!("material {}", at + 1);
+            let index = index(material, &medium)?;
             if index.im < 0.0 && self.gain == Gain::Refused {
                 return Err(WaveError::Gain { medium: medium(), k: index.im }.into());
             }
             Ok::<_, StackError>(index)
         };
-        Ok(Indices {
+        let indices = Indices {
             ambient: index(&self.ambient, &|| "the ambient".to_owned())?,
-            materials: self
-                .materials
-                .iter()
-                .enumerate()
-                .map(|(at, material)| index(material, &|| format!("material {}", at + 1)))
-                .collect::<Result<_, _>>()?,
+            materials: self.materials.iter().enumerate().map(layer).collect::<Result<_, _>>()?,
             substrate: index(&self.substrate, &|| "the substrate".to_owned())?,
-        })
+        };
+        check_half_spaces(indices.ambient, indices.substrate)?;
+        Ok(indices)
     }
 
     /// The stack at one wavelength (metres), mean thicknesses.

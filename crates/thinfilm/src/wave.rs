@@ -33,7 +33,7 @@ pub enum Polarisation {
 pub enum Incidence {
     /// Angle from the normal in the ambient, radians, 0 to π/2.
     Angle(f64),
-    /// In-plane wavenumber over k₀, kₓ = N₀ sin θ, from 0 to N₀.
+    /// In-plane wavenumber over k₀, kₓ = n₀ sin θ, from 0 to n₀.
     InPlane(f64),
 }
 
@@ -123,6 +123,22 @@ pub enum WaveError {
     Gain {
         /// Which medium.
         medium: String,
+        /// The extinction coefficient.
+        k: f64,
+    },
+    /// A half-space that amplifies: it has no steady state, and no wave in it is the outgoing one.
+    #[error("{medium} has k = {k}: only layers can amplify, a half-space needs k >= 0")]
+    HalfSpaceGain {
+        /// Which medium.
+        medium: String,
+        /// The extinction coefficient.
+        k: f64,
+    },
+    /// Light that arrives through an absorbing ambient has no one in-plane wavenumber: it decays along the interface.
+    #[error(
+        "the ambient has k = {k}: light arrives through it, which away from normal incidence takes k = 0"
+    )]
+    AbsorbingAmbient {
         /// The extinction coefficient.
         k: f64,
     },
@@ -226,64 +242,53 @@ fn modulus(z: Complex64) -> f64 {
     }
 }
 
-/// The plane wave's in-plane part, in the two forms that lose no digits.
+/// The plane wave's in-plane part, in the two forms that lose no digits. kₓ is real.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InPlaneWave {
-    ambient: Complex64,
-    kind: InPlaneKind,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum InPlaneKind {
-    /// N₀² cos²θ and kₓ, beyond 45°: kz loses no digits towards grazing incidence.
-    Shallow { cos2: Complex64, kx: Complex64 },
-    /// kₓ, up to 45°: kz loses none where |N| is small.
-    Steep { kx: Complex64 },
+    /// kₓ/k₀.
+    pub(crate) kx: f64,
+    /// (N₀, N₀² cos²θ) beyond 45°: kz loses no digits towards grazing incidence. Up to 45°, from kₓ, it loses none where |N| is small.
+    shallow: Option<(f64, f64)>,
 }
 
 impl InPlaneWave {
     pub(crate) fn new(ambient: Complex64, incidence: Incidence) -> Result<Self, WaveError> {
-        let kind = match incidence {
+        match incidence {
             Incidence::Angle(theta) => {
                 if !(0.0..=std::f64::consts::FRAC_PI_2).contains(&theta) {
                     return Err(WaveError::Angle { theta_deg: theta.to_degrees() });
                 }
-                let kx = ambient * theta.sin();
-                if theta <= std::f64::consts::FRAC_PI_4 {
-                    InPlaneKind::Steep { kx }
-                } else {
-                    let q = ambient * theta.cos();
-                    InPlaneKind::Shallow { cos2: q * q, kx }
+                if theta > 0.0 && ambient.im != 0.0 {
+                    return Err(WaveError::AbsorbingAmbient { k: ambient.im });
                 }
+                let is_steep = theta <= std::f64::consts::FRAC_PI_4;
+                let q = ambient.re * theta.cos();
+                Ok(Self { kx: ambient.re * theta.sin(), shallow: (!is_steep).then_some((ambient.re, q * q)) })
             }
             Incidence::InPlane(kx) => {
                 if !(0.0..=ambient.re).contains(&kx) {
                     return Err(WaveError::InPlane { kx, ambient: ambient.re });
                 }
-                InPlaneKind::Steep { kx: Complex64::new(kx, 0.0) }
+                Ok(Self { kx, shallow: None })
             }
-        };
-        Ok(Self { ambient, kind })
-    }
-
-    /// kₓ/k₀.
-    pub(crate) fn kx(&self) -> Complex64 {
-        match self.kind {
-            InPlaneKind::Shallow { kx, .. } | InPlaneKind::Steep { kx } => kx,
         }
     }
 
     /// (kz/k₀)² in a medium.
     pub(crate) fn kz2(&self, index: Complex64) -> Complex64 {
-        match self.kind {
-            InPlaneKind::Shallow { cos2, .. } => (index - self.ambient) * (index + self.ambient) + cos2,
-            InPlaneKind::Steep { kx } => (index - kx) * (index + kx),
+        match self.shallow {
+            Some((ambient, cos2)) => (index - ambient) * (index + ambient) + cos2,
+            None => (index - self.kx) * (index + self.kx),
         }
     }
 
-    /// Admittance q of a medium.
+    /// Admittance q of the wave that goes down in a medium: away from the interface it decays or, where a layer amplifies and light
+    /// travels in it, grows.
     pub(crate) fn admittance(&self, index: Complex64, polarisation: Polarisation) -> Complex64 {
-        admittance_of(sqrt_upper(self.kz2(index)), index * index, polarisation)
+        let kz2 = self.kz2(index);
+        let kz = sqrt_upper(kz2);
+        let is_backward = kz.re < 0.0 && kz2.re > 0.0;
+        admittance_of(if is_backward { -kz } else { kz }, index * index, polarisation)
     }
 }
 
@@ -416,7 +421,9 @@ pub(crate) struct Admittance {
 impl Admittance {
     /// The outgoing wave of unit ψ in the substrate.
     pub(crate) fn outgoing(substrate: Complex64, q: Complex64) -> Self {
-        Self { b: Complex64::new(1.0, 0.0), c: q, exponent: 0, pristine: Some(substrate) }
+        // In a medium that amplifies, δ is that of the other wave.
+        let pristine = (substrate.im >= 0.0).then_some(substrate);
+        Self { b: Complex64::new(1.0, 0.0), c: q, exponent: 0, pristine }
     }
 
     pub(crate) fn through(self, layer: Layer, matrix: &LayerMatrix) -> Self {
@@ -433,6 +440,30 @@ impl Admittance {
         let b = matrix.cos * self.b - i * matrix.sin_over_q * self.c;
         let c = matrix.cos * self.c - i * matrix.q_sin * self.b;
         Self { b, c, exponent: self.exponent + matrix.exponent, pristine: None }.normalised()
+    }
+
+    /// r, for a wave that comes in a medium of admittance q₀; `None` at grazing incidence on a substrate equal to the ambient, where
+    /// the wave meets nothing.
+    pub(crate) fn reflected(&self, q_0: Complex64) -> Option<Complex64> {
+        let denominator = q_0 * self.b + self.c;
+        (denominator.norm() != 0.0).then(|| (q_0 * self.b - self.c) / denominator)
+    }
+
+    /// R = |r|², T = `flux`/|q₀B + C|² and ln T.
+    pub(crate) fn powers(&self, q_0: Complex64, flux: f64, balance: PowerBalance) -> [f64; 3] {
+        let denominator = q_0 * self.b + self.c;
+        let reflected = ((q_0 * self.b - self.c) / denominator).norm_sqr();
+        let inverse = Scaled::new(1.0 / denominator, -self.exponent);
+        let power =
+            Scaled::new(Complex64::new(flux * inverse.mantissa.norm_sqr(), 0.0), 2 * inverse.exponent);
+        if balance == PowerBalance::Lossless {
+            // Flux conservation says |q₀B + C|² = |q₀B − C|² + 4 q₀ Re q_sub. Dividing by the right-hand side keeps
+            // R + T = 1 to the last digit, R where it is small and T where it is small.
+            let whole = reflected + power.value().re;
+            [reflected / whole, power.value().re / whole, power.ln_abs() - whole.ln()]
+        } else {
+            [reflected, power.value().re, power.ln_abs()]
+        }
     }
 
     fn normalised(self) -> Self {
@@ -493,7 +524,7 @@ impl Multilayer {
         self.balance() == PowerBalance::Lossless
     }
 
-    fn balance(&self) -> PowerBalance {
+    pub(crate) fn balance(&self) -> PowerBalance {
         let layers = self.runs.iter().filter(|run| run.repeat > 0).flat_map(|run| &run.unit);
         PowerBalance::of(self.ambient, layers.map(|layer| layer.index))
     }
@@ -501,7 +532,8 @@ impl Multilayer {
     /// Response to a wave of one polarisation.
     ///
     /// # Errors
-    /// Angle, wavelength, index or thickness out of range; negative k (use [`Multilayer::solve_with_gain`]).
+    /// Angle, wavelength, index or thickness out of range; an absorbing ambient away from normal incidence; negative k (of layers:
+    /// use [`Multilayer::solve_with_gain`]).
     ///
     /// ```
     /// use num_complex::Complex64;
@@ -527,7 +559,8 @@ impl Multilayer {
         self.solve_with_gain(wavelength, incidence, polarisation)
     }
 
-    /// As [`Multilayer::solve`], where k may be negative (gain).
+    /// As [`Multilayer::solve`], where the k of layers may be negative (gain). Above a lasing threshold, which no steady light
+    /// reaches, this is still what Maxwell's equations say at one frequency.
     ///
     /// # Errors
     /// As [`Multilayer::solve`] except for gain; [`WaveError::Unbounded`] at a lasing threshold.
@@ -544,7 +577,13 @@ impl Multilayer {
         self.response(&wave, polarisation, top)
     }
 
-    fn top_admittance(&self, wave: &InPlaneWave, wavelength: f64, polarisation: Polarisation) -> Admittance {
+    /// (B, C) at the first interface of the wave that leaves into the substrate.
+    pub(crate) fn top_admittance(
+        &self,
+        wave: &InPlaneWave,
+        wavelength: f64,
+        polarisation: Polarisation,
+    ) -> Admittance {
         let q_sub = wave.admittance(self.substrate, polarisation);
         let mut vector = Admittance::outgoing(self.substrate, q_sub);
         for run in self.runs.iter().rev() {
@@ -561,33 +600,18 @@ impl Multilayer {
     ) -> Result<Response, WaveError> {
         let q_0 = wave.admittance(self.ambient, polarisation);
         let q_sub = wave.admittance(self.substrate, polarisation);
-        let denominator = q_0 * top.b + top.c;
-        if denominator.norm() == 0.0 {
-            // Grazing incidence on a substrate equal to the ambient: the wave meets nothing.
+        let Some(r) = top.reflected(q_0) else {
             return Ok(Response::passed());
-        }
-        let r = (q_0 * top.b - top.c) / denominator;
-        let t_psi = Scaled::new(2.0 * q_0 / denominator, -top.exponent);
+        };
+        let t_psi = Scaled::new(2.0 * q_0 / (q_0 * top.b + top.c), -top.exponent);
         let t = match polarisation {
             Polarisation::S => t_psi,
             Polarisation::P => Scaled::new(t_psi.mantissa * self.ambient / self.substrate, t_psi.exponent),
         };
         // |t_ψ|² Re q_sub/Re q_0, without dividing by a vanishing Re q_0 where q_0 is real.
         let in_flux = if q_0.im == 0.0 { 4.0 * q_0.re } else { 4.0 * q_0.norm_sqr() / q_0.re };
-        let amplitude = in_flux * q_sub.re;
-        let inverse = Scaled::new(1.0 / denominator, -top.exponent);
-        let power =
-            Scaled::new(Complex64::new(amplitude * inverse.mantissa.norm_sqr(), 0.0), 2 * inverse.exponent);
         let balance = self.balance();
-        let (reflectance, transmittance, ln_transmittance) = if balance == PowerBalance::Lossless {
-            // Flux conservation says |q₀B + C|² = |q₀B − C|² + 4 q₀ Re q_sub. Dividing by the right-hand side keeps
-            // R + T = 1 to the last digit, R where it is small and T where it is small.
-            let reflected = r.norm_sqr();
-            let whole = reflected + power.value().re;
-            (reflected / whole, power.value().re / whole, power.ln_abs() - whole.ln())
-        } else {
-            (r.norm_sqr(), power.value().re, power.ln_abs())
-        };
+        let [reflectance, transmittance, ln_transmittance] = top.powers(q_0, in_flux * q_sub.re, balance);
         let response = Response {
             r,
             t: t.value(),
@@ -601,9 +625,9 @@ impl Multilayer {
     }
 
     /// # Errors
-    /// [`WaveError::Gain`] where a k is negative.
+    /// [`WaveError::Gain`] where the k of a layer is negative.
     pub(crate) fn check_absorbing(&self) -> Result<(), WaveError> {
-        for (name, index) in self.media() {
+        for (name, index) in self.media().skip(2) {
             if index.im < 0.0 {
                 return Err(WaveError::Gain { medium: name.to_string(), k: index.im });
             }
@@ -622,6 +646,7 @@ impl Multilayer {
                 return Err(WaveError::Index { medium: name.to_string(), index });
             }
         }
+        check_half_spaces(self.ambient, self.substrate)?;
         let layers = self.runs.iter().flat_map(|run| run.unit.iter().enumerate());
         for (at, layer) in layers {
             if !(layer.thickness.is_finite() && layer.thickness >= 0.0) {
@@ -654,6 +679,17 @@ impl Multilayer {
             .into_iter()
             .chain(self.runs.iter().flat_map(move |run| run.unit.iter().enumerate().map(named)))
     }
+}
+
+/// # Errors
+/// [`WaveError::HalfSpaceGain`].
+pub(crate) fn check_half_spaces(ambient: Complex64, substrate: Complex64) -> Result<(), WaveError> {
+    for (name, index) in [(MediumName::Ambient, ambient), (MediumName::Substrate, substrate)] {
+        if index.im < 0.0 {
+            return Err(WaveError::HalfSpaceGain { medium: name.to_string(), k: index.im });
+        }
+    }
+    Ok(())
 }
 
 /// A medium as an error names it.
