@@ -98,6 +98,9 @@ fn bad_input_is_refused_in_one_line() {
     recipe("thick.json", r#"{"stack":{"aragonite":{"thickness_nm":-3}}}"#);
     recipe("table.json", r#"{"stack":{"aragonite":{"n":{"table":[[400,1.5,0],[500,1.5,0]]}}}}"#);
     recipe("broken.json", r#"{"stack":"#);
+    recipe("murky.json", r#"{"stack":{"layers":4,"ambient":{"n":1.4,"k":1e-9}}}"#);
+    recipe("laser.json", r#"{"stack":{"layers":4,"substrate":{"n":1.4,"k":-1e-9},"gain":true}}"#);
+    recipe("lasing.json", r#"{"stack":{"explicit":[{"n":3,"k":-1,"thickness_nm":5000}],"gain":true}}"#);
     for (args, named) in [
         (&["spectrum", "missing.json"][..], "missing.json"),
         (&["spectrum", "r.json", "--angles-deg", "91"], "91"),
@@ -126,6 +129,15 @@ fn bad_input_is_refused_in_one_line() {
         (&["spectrum", "r.json", "--accuracy", "0"], "--accuracy"),
         (&["spectrum", "r.json", "--incoherent-above-nm", "0"], "--incoherent-above-nm"),
         (&["spectrum", "r.json", "--members", "2", "--line-width-nm", "1"], "cannot be used with"),
+        (&["spectrum", "r.json", "--line-shape", "lorentzian"], "--line-width-nm"),
+        (&["spectrum", "r.json", "--seed", "3", "--line-width-nm", "1"], "cannot be used with"),
+        (&["spectrum", "murky.json", "--angles-deg", "20"], "normal incidence"),
+        (&["spectrum", "murky.json", "--incoherent-above-nm", "10"], "without absorption"),
+        (&["colour", "murky.json", "--angles-deg", "20"], "normal incidence"),
+        (&["swatch", "murky.json", "-o", "out.png"], "normal incidence"),
+        (&["spectrum", "laser.json"], "the substrate"),
+        (&["colour", "laser.json"], "only layers can amplify"),
+        (&["spectrum", "lasing.json", "--incoherent-above-nm", "1000"], "lasing threshold"),
         (&["verify", "r.json"], "cases"),
         (&["verify", "missing.json"], "missing.json"),
     ] {
@@ -253,4 +265,43 @@ fn an_ensemble_has_the_members_that_its_accuracy_takes() {
     let many = ensemble("--accuracy", "0.002");
     assert!(errors(&few) > 0.002 && errors(&many) <= 0.002, "{} {}", errors(&few), errors(&many));
     assert!(many["members"].as_u64().unwrap() > 4);
+}
+
+/// One member has no error, too few do not converge, and a line says how well it is known.
+#[test]
+fn errors_that_are_not_known_are_null_and_accuracies_that_are_not_reached_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write("r.json", r#"{"stack":{"explicit":[{"n":1.6,"thickness_nm":400,"thickness_sd_nm":40}]}}"#);
+    write(
+        "table.json",
+        r#"{"stack":{"explicit":[{"n":{"table":[[400,1.5,0],[700,1.5,0]]},"thickness_nm":5000}]}}"#,
+    );
+    let run = |args: &[&str]| -> (Value, String) {
+        let waves = ["--wavelengths-nm", "552:552:1", "--json"];
+        let output = tool(folder.path(), &[args, &waves].concat());
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(0), "{told}");
+        (serde_json::from_slice(&output.stdout).unwrap(), told)
+    };
+    let (one, told) = run(&["spectrum", "r.json", "--members", "1"]);
+    assert!(one["R_std_error"].is_null() && one["T_std_error"].is_null() && told.is_empty(), "{one}");
+    assert!(one.get("converged").is_none(), "{one}");
+    let (few, told) = run(&["spectrum", "r.json", "--accuracy", "1e-8"]);
+    assert!(few["converged"] == false && few["members"] == 65_536, "{few}");
+    assert!(told.lines().count() == 1 && told.contains("65536"), "{told}");
+    let (_, told) = run(&["spectrum", "r.json", "--accuracy", "1e-8", "-q"]);
+    assert!(told.is_empty(), "{told}");
+    let line = ["--line-width-nm", "3", "--line-shape", "lorentzian"];
+    let (cut, told) = run(&[&["spectrum", "table.json"][..], &line].concat());
+    assert!(cut["converged"] == false && cut["error"].as_f64().unwrap() > 3e-3, "{cut}");
+    assert!(told.lines().count() == 1 && told.contains("error of the mean"), "{told}");
+    let (whole, told) = run(&[&["spectrum", "r.json"][..], &line].concat());
+    assert!(
+        whole["converged"] == true && whole["error"].as_f64().unwrap() <= 1e-4 && told.is_empty(),
+        "{whole}"
+    );
+    let output = tool(folder.path(), &["colour", "r.json", "--members", "1", "--angles-deg", "0", "--json"]);
+    let colour: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(colour["colours"][0]["ensemble_std_error_delta_e"].is_null(), "{colour}");
 }

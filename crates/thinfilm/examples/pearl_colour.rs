@@ -23,7 +23,8 @@ fn main() -> Result<(), StackError> {
             let [l, a, b] = c.lab;
             println!(
                 "  {degrees:2.0} deg: L* {l:5.1}  a* {a:6.1}  b* {b:6.1}, +- {:.2} (dE00), {} wavelengths",
-                c.ensemble_error, c.wavelengths
+                c.ensemble_error.unwrap_or(f64::NAN),
+                c.wavelengths
             );
         }
     }

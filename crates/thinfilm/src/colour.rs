@@ -144,8 +144,8 @@ pub struct StackColour {
     pub change: f64,
     /// Stacks that were averaged.
     pub members: u64,
-    /// Standard error of the ensemble mean as ΔE00 (jackknife over the members); 0 for a regular stack.
-    pub ensemble_error: f64,
+    /// Standard error of the ensemble mean as ΔE00 (jackknife over the members): 0 for a regular stack, unknown of one member.
+    pub ensemble_error: Option<f64>,
 }
 
 /// Accuracy by default, ΔE00.
@@ -199,7 +199,7 @@ pub fn of_stack(
                 let fine = EnsembleColour::new(stack, seed, members, count, *theta)?;
                 let change = delta_e_2000(lab(coarse.mean), lab(fine.mean));
                 if change <= accuracy || count >= MOST_WAVELENGTHS {
-                    return Ok(fine.colour(count, change));
+                    return Ok(fine.colour(count, change, stack.is_irregular()));
                 }
                 coarse = fine;
             }
@@ -238,12 +238,9 @@ impl EnsembleColour {
         Ok(Self { members, mean })
     }
 
-    /// √((n − 1)/n Σ ΔE²) over the means without one member (Tukey's jackknife).
+    /// √((n − 1)/n Σ ΔE²) over the means without one member (Tukey's jackknife), two at least.
     fn error(&self) -> f64 {
         let n = self.members.len() as f64;
-        if self.members.len() < 2 {
-            return 0.0;
-        }
         let whole = lab(self.mean);
         let square = |member: &Xyz| {
             let without = std::array::from_fn(|c| (n * self.mean[c] - member[c]) / (n - 1.0));
@@ -252,7 +249,11 @@ impl EnsembleColour {
         ((n - 1.0) / n * self.members.iter().map(square).sum::<f64>()).sqrt()
     }
 
-    fn colour(&self, wavelengths: usize, change: f64) -> StackColour {
+    fn colour(&self, wavelengths: usize, change: f64, is_irregular: bool) -> StackColour {
+        let ensemble_error = match self.members.len() {
+            0 | 1 => (!is_irregular).then_some(0.0),
+            _ => Some(self.error()),
+        };
         StackColour {
             xyz: self.mean,
             linear_srgb: linear_srgb(self.mean),
@@ -260,7 +261,7 @@ impl EnsembleColour {
             wavelengths,
             change,
             members: self.members.len() as u64,
-            ensemble_error: self.error(),
+            ensemble_error,
         }
     }
 }
@@ -339,7 +340,8 @@ mod tests {
         let centre = lab(mean(|g, c| g.xyz[c]));
         let scatter =
             (groups.iter().map(|g| delta_e_2000(centre, g.lab).powi(2)).sum::<f64>() / GROUPS as f64).sqrt();
-        let stated = (groups.iter().map(|g| g.ensemble_error.powi(2)).sum::<f64>() / GROUPS as f64).sqrt();
+        let stated =
+            (groups.iter().map(|g| g.ensemble_error.unwrap().powi(2)).sum::<f64>() / GROUPS as f64).sqrt();
         // 60 groups of 3 coordinates know a standard deviation to about 8 %; four of those.
         assert!((scatter / stated - 1.0).abs() < 0.32, "{scatter} {stated}");
     }

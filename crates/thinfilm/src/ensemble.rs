@@ -11,16 +11,18 @@ use crate::wave::Polarisation;
 pub struct EnsembleMean {
     /// Mean reflectance.
     pub reflectance: Vec<Vec<f64>>,
-    /// Its standard error, 0 for a regular stack.
-    pub reflectance_error: Vec<Vec<f64>>,
+    /// Its standard error: 0 for a regular stack, unknown of one member.
+    pub reflectance_error: Option<Vec<Vec<f64>>>,
     /// Mean transmittance.
     pub transmittance: Vec<Vec<f64>>,
     /// Its standard error.
-    pub transmittance_error: Vec<Vec<f64>>,
+    pub transmittance_error: Option<Vec<Vec<f64>>>,
     /// Mean absorptance: exactly 0 for layers without absorption, negative only with gain.
     pub absorptance: Vec<Vec<f64>>,
     /// Members drawn.
     pub members: u64,
+    /// Whether the accuracy that was asked for, if one was, is reached.
+    pub converged: bool,
 }
 
 /// Members of the first batch.
@@ -42,7 +44,7 @@ pub fn mean(
     let members = if stack.is_irregular() { members.clamp(1, MOST_MEMBERS) } else { 1 };
     let mut sums = Sums::new(wavelengths.len() * angles.len());
     sums.extend(stack, seed, 0..members, wavelengths, angles, None)?;
-    Ok(sums.finish(wavelengths.len()))
+    Ok(sums.finish(wavelengths.len(), stack.is_irregular(), true))
 }
 
 /// How many members of an ensemble are drawn.
@@ -50,7 +52,8 @@ pub fn mean(
 pub enum Members {
     /// So many.
     Count(u64),
-    /// As many as bring the root mean square of the standard error of R to this or below; 65,536 at most.
+    /// As many as bring the root mean square of the standard error of R to this or below, and no fewer than its reciprocal: what one
+    /// member in N does (a narrow resonance that most of them miss) fewer than N have not shown. 65,536 at most.
     ToAccuracy(f64),
 }
 
@@ -72,18 +75,19 @@ pub fn mean_of(
         Members::Count(count) => count.clamp(1, MOST_MEMBERS),
         Members::ToAccuracy(_) => FIRST_BATCH,
     };
+    let is_irregular = stack.is_irregular();
     loop {
         sums.extend(stack, seed, sums.members..next, wavelengths, angles, polarisation)?;
-        match members {
-            Members::ToAccuracy(accuracy)
-                if stack.is_irregular()
-                    && sums.root_mean_square_error() > accuracy
-                    && next < MOST_MEMBERS =>
-            {
-                next = (2 * next).min(MOST_MEMBERS);
+        let converged = match members {
+            Members::ToAccuracy(accuracy) if is_irregular => {
+                sums.root_mean_square_error() <= accuracy && next as f64 * accuracy >= 1.0
             }
-            _ => return Ok(sums.finish(wavelengths.len())),
+            _ => true,
+        };
+        if converged || next >= MOST_MEMBERS {
+            return Ok(sums.finish(wavelengths.len(), is_irregular, converged));
         }
+        next = (2 * next).min(MOST_MEMBERS);
     }
 }
 
@@ -152,9 +156,6 @@ impl Sums {
 
     /// Standard error of a mean, from the sum and the sum of squares.
     fn error(&self, sum: f64, squares: f64) -> f64 {
-        if self.members < 2 {
-            return 0.0;
-        }
         let n = self.members as f64;
         let mean = sum / n;
         ((squares / n - mean * mean).max(0.0) / (n - 1.0)).sqrt()
@@ -169,16 +170,24 @@ impl Sums {
         (sum / self.r.len().max(1) as f64).sqrt()
     }
 
-    fn finish(&self, width: usize) -> EnsembleMean {
+    fn finish(&self, width: usize, is_irregular: bool, converged: bool) -> EnsembleMean {
         let n = self.members as f64;
-        let rows = |values: Vec<f64>| values.chunks(width.max(1)).map(<[f64]>::to_vec).collect();
+        let rows = |values: Vec<f64>| -> Vec<Vec<f64>> {
+            values.chunks(width.max(1)).map(<[f64]>::to_vec).collect()
+        };
+        let errors = |sums: &[f64], squares: &[f64]| match self.members {
+            0 | 1 if is_irregular => None,
+            0 | 1 => Some(rows(vec![0.0; sums.len()])),
+            _ => Some(rows(self.errors(sums, squares))),
+        };
         EnsembleMean {
             reflectance: rows(self.r.iter().map(|sum| sum / n).collect()),
-            reflectance_error: rows(self.errors(&self.r, &self.r2)),
+            reflectance_error: errors(&self.r, &self.r2),
             transmittance: rows(self.t.iter().map(|sum| sum / n).collect()),
-            transmittance_error: rows(self.errors(&self.t, &self.t2)),
+            transmittance_error: errors(&self.t, &self.t2),
             absorptance: rows(self.a.iter().map(|sum| sum / n).collect()),
             members: self.members,
+            converged,
         }
     }
 }
@@ -208,7 +217,7 @@ mod tests {
             let part = mean(&film(), seed, 32, &wavelengths, &angles).unwrap();
             for i in 0..2 {
                 scatter += (part.reflectance[0][i] - whole.reflectance[0][i]).powi(2);
-                stated += part.reflectance_error[0][i].powi(2);
+                stated += part.reflectance_error.as_ref().unwrap()[0][i].powi(2);
             }
         }
         // Variance of 400 values of two independent kinds: known to about 10 %; four of those.
@@ -220,8 +229,8 @@ mod tests {
         let (wavelengths, angles) = ([450e-9, 550e-9, 650e-9], [0.0, 0.9]);
         let of = |members, pol| mean_of(&film(), 3, members, &wavelengths, &angles, pol).unwrap();
         let reached = of(Members::ToAccuracy(2e-3), None);
-        let squares = reached.reflectance_error.iter().flatten().map(|e| e * e).sum::<f64>();
-        assert!((squares / 6.0).sqrt() <= 2e-3 && reached.members > 16, "{reached:?}");
+        let squares = reached.reflectance_error.iter().flatten().flatten().map(|e| e * e).sum::<f64>();
+        assert!((squares / 6.0).sqrt() <= 2e-3 && reached.members >= 500 && reached.converged, "{reached:?}");
         let count = Members::Count(reached.members);
         let (s, p) = (of(count, Some(Polarisation::S)), of(count, Some(Polarisation::P)));
         for angle in 0..2 {
@@ -230,5 +239,49 @@ mod tests {
                 assert!((mean - reached.reflectance[angle][i]).abs() < 1e-14);
             }
         }
+    }
+
+    #[test]
+    fn an_error_that_is_not_known_is_none_and_an_accuracy_that_is_not_reached_is_told() {
+        let of = |stack: &Stack, members| mean_of(stack, 1, members, &[500e-9], &[0.3], None).unwrap();
+        let one = of(&film(), Members::Count(1));
+        assert!(one.reflectance_error.is_none() && one.transmittance_error.is_none(), "{one:?}");
+        assert!(of(&film(), Members::Count(2)).reflectance_error.unwrap()[0][0] > 0.0);
+        let thin = Stack { runs: vec![crate::StackRun { repeat: 1, ..film().runs[0].clone() }], ..film() };
+        let short = of(&thin, Members::ToAccuracy(1e-9));
+        assert!(!short.converged && short.members == MOST_MEMBERS, "{short:?}");
+        let regular = Stack { runs: film().draw(1, 0).unwrap().runs, ..film() };
+        let exact = of(&regular, Members::ToAccuracy(1e-9));
+        assert!(exact.converged && exact.members == 1 && exact.reflectance_error.unwrap() == [[0.0]]);
+    }
+
+    /// A cavity that a few members in a hundred have in tune: the first sixteen all reflect everything.
+    #[test]
+    fn a_resonance_that_few_members_meet_is_counted() {
+        let quarter = |n: f64| 550e-9 / 4.0 / n;
+        let layer =
+            |material, thickness, thickness_sd| crate::StackLayer { material, thickness, thickness_sd };
+        let run = |unit, repeat| crate::StackRun { unit, repeat };
+        let (high, low) = (layer(0, quarter(2.3), 0.0), layer(1, quarter(1.46), 0.0));
+        let filter = Stack {
+            ambient: Material::constant(1.0),
+            materials: vec![Material::constant(2.3), Material::constant(1.46)],
+            runs: vec![
+                run(vec![high, low], 7),
+                run(vec![layer(0, 2.0 * quarter(2.3), 5e-9)], 1),
+                run(vec![low, high], 7),
+            ],
+            substrate: Material::constant(1.0),
+            gain: crate::Gain::Refused,
+        };
+        let of_seed = |seed, members| mean_of(&filter, seed, members, &[550e-9], &[0.0], None).unwrap();
+        let misses = |seed: &u64| of_seed(*seed, Members::Count(16)).reflectance_error.unwrap()[0][0] < 1e-3;
+        let seed = (0..100).find(misses).unwrap();
+        let of = |members| of_seed(seed, members);
+        let (few, all) = (of(Members::Count(16)), of(Members::Count(MOST_MEMBERS)));
+        let found = of(Members::ToAccuracy(2e-3));
+        let off = (found.transmittance[0][0] - all.transmittance[0][0]).abs();
+        assert!(found.members >= 512 && off < 4.0 * 2e-3, "{found:?} {all:?}");
+        assert!((few.transmittance[0][0] - all.transmittance[0][0]).abs() > 4e-3, "{all:?}");
     }
 }

@@ -11,6 +11,7 @@ pub mod library;
 pub mod line;
 pub mod material;
 pub mod modulation;
+mod phase;
 mod precise;
 pub mod quadrature;
 pub mod reference_case;

@@ -102,6 +102,20 @@ impl Dispersion {
         }
     }
 
+    /// Vacuum wavelengths (metres) at which there is an index: all of a constant, those of a table, and around the wavelength `of_interest`,
+    /// where it is an interpolation, those of a formula.
+    #[must_use]
+    pub fn covers(&self, of_interest: f64) -> [f64; 2] {
+        match self {
+            Self::Constant(_) => [0.0, f64::INFINITY],
+            Self::Table(rows) => match (rows.first(), rows.last()) {
+                (Some(first), Some(last)) => [first[0] * 1e-9, last[0] * 1e-9],
+                _ => [of_interest; 2],
+            },
+            Self::Cauchy(_) | Self::Sellmeier { .. } => [of_interest / 1.5, of_interest * 2.0],
+        }
+    }
+
     /// Whether the index depends on the wavelength at all.
     #[must_use]
     pub const fn is_constant(&self) -> bool {

@@ -1,4 +1,4 @@
-//! Gauss–Legendre rules.
+//! Gauss–Legendre rules, and one of Gauss and Kronrod.
 
 use std::f64::consts::PI;
 
@@ -53,9 +53,36 @@ pub fn gauss_legendre(n: usize) -> Rule {
     Rule { nodes, weights }
 }
 
+/// Nodes x ≥ 0, Kronrod's 15 weights and Gauss's 7 (0 where he has no node): exact to degree 22 and 13 (A. S. Kronrod, 1964).
+pub(crate) const GAUSS_KRONROD_15: [[f64; 3]; 8] = [
+    [0.0, 0.209_482_141_084_727_83, 0.417_959_183_673_469_39],
+    [0.207_784_955_007_898_47, 0.204_432_940_075_298_89, 0.0],
+    [0.405_845_151_377_397_17, 0.190_350_578_064_785_41, 0.381_830_050_505_118_94],
+    [0.586_087_235_467_691_13, 0.169_004_726_639_267_9, 0.0],
+    [0.741_531_185_599_394_44, 0.140_653_259_715_525_92, 0.279_705_391_489_276_67],
+    [0.864_864_423_359_769_07, 0.104_790_010_322_250_18, 0.0],
+    [0.949_107_912_342_758_52, 0.063_092_092_629_978_553, 0.129_484_966_168_869_69],
+    [0.991_455_371_120_812_64, 0.022_935_322_010_529_225, 0.0],
+];
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn kronrods_rule_is_exact_to_degree_22_and_gausss_to_13() {
+        for degree in (0..=22).step_by(2) {
+            let exact = 2.0 / f64::from(degree + 1);
+            let sum = |column: usize| -> f64 {
+                let term = |row: &[f64; 3]| {
+                    row[column] * row[0].powi(degree) * if row[0] == 0.0 { 1.0 } else { 2.0 }
+                };
+                GAUSS_KRONROD_15.iter().map(term).sum()
+            };
+            assert!((sum(1) - exact).abs() < 1e-15, "{degree}: {}", sum(1));
+            assert!(degree > 13 || (sum(2) - exact).abs() < 1e-15, "{degree}: {}", sum(2));
+        }
+    }
 
     #[test]
     fn the_rule_is_exact_for_polynomials_of_degree_2n_minus_1() {

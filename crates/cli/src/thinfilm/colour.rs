@@ -94,7 +94,9 @@ pub(crate) fn colours(args: &ColourArgs, as_json: bool, quiet: bool) -> Outcome 
     let mut text = "angle_deg,X,Y,Z,R,G,B,wavelengths,ensemble_std_error\n".to_owned();
     for (angle, c) in angles_deg.iter().zip(&colours) {
         let ([x, y, z], [r, g, b]) = (c.xyz, c.linear_srgb);
-        text.push_str(&format!("{angle},{x},{y},{z},{r},{g},{b},{},{}\n", c.wavelengths, c.ensemble_error));
+        // Of one irregular stack the error is not known.
+        let error = c.ensemble_error.map_or_else(String::new, |error| error.to_string());
+        text.push_str(&format!("{angle},{x},{y},{z},{r},{g},{b},{},{error}\n", c.wavelengths));
     }
     terminal::print(&text)
 }

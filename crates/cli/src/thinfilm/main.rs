@@ -59,7 +59,7 @@ fn main() -> ExitCode {
 fn run(cli: Cli) -> Outcome {
     let terminal::Manners { json, quiet, .. } = cli.manners;
     cli.manners.pool()?.install(|| match &cli.command {
-        Command::Spectrum(args) => spectrum::spectrum(args, json),
+        Command::Spectrum(args) => spectrum::spectrum(args, json, quiet),
         Command::Colour(args) => colour::colours(args, json, quiet),
         Command::Swatch(args) => swatch::swatch(args, json, quiet),
         Command::Verify { cases } => verify::verify(cases, json),

@@ -29,17 +29,18 @@ pub(crate) struct SpectrumArgs {
     /// Mean over N stacks drawn with the recipe's irregular thicknesses, with its standard error.
     #[arg(long, value_name = "N", conflicts_with_all = ["line_width_nm", "incoherent_above_nm"])]
     members: Option<u64>,
-    /// Largest root mean square standard error of R in an ensemble (its size follows), or error of R in the mean over a line.
+    /// Largest root mean square standard error of R in an ensemble (its size follows), or largest error of R and T in the mean over a
+    /// line [default: 1e-5; lorentzian: 1e-4]. Whether it is reached is `converged` in the JSON.
     #[arg(long, value_name = "R", conflicts_with_all = ["members", "incoherent_above_nm"])]
     accuracy: Option<f64>,
     /// Seed of the drawn stacks.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, conflicts_with_all = ["line_width_nm", "incoherent_above_nm"])]
     seed: u64,
     /// Mean over a spectral line of this full width at half maximum in nm.
     #[arg(long, value_name = "NM")]
     line_width_nm: Option<f64>,
     /// Shape of the line.
-    #[arg(long, value_enum, default_value = "gaussian")]
+    #[arg(long, value_enum, default_value = "gaussian", requires = "line_width_nm")]
     line_shape: LineShape,
     /// Layers thicker than this (nm) add intensities, not amplitudes.
     #[arg(long, value_name = "NM", conflicts_with = "line_width_nm")]
@@ -77,8 +78,13 @@ enum LineShape {
     Lorentzian,
 }
 
-/// Accuracy of a mean over a line by default.
-const LINE_ACCURACY: f64 = 1e-5;
+/// Accuracy of a mean over a line by default. The tails of a Lorentzian take many waves.
+const fn line_accuracy(shape: Shape) -> f64 {
+    match shape {
+        Shape::Gaussian => 1e-5,
+        Shape::Lorentzian => 1e-4,
+    }
+}
 
 /// Shares reflected, transmitted, absorbed.
 #[derive(Clone, Copy, Debug)]
@@ -94,10 +100,11 @@ impl Rta {
     }
 }
 
-/// Rows of angles, each over the wavelengths; `extra` goes into the JSON as it is.
+/// Rows of angles, each over the wavelengths; `extra` goes into the JSON as it is, `warning` to the reader.
 struct Table {
     rows: Vec<Vec<Rta>>,
     extra: Vec<(&'static str, Value)>,
+    warning: Option<String>,
 }
 
 struct Grid<'a> {
@@ -108,7 +115,7 @@ struct Grid<'a> {
     pol: Pol,
 }
 
-pub(crate) fn spectrum(args: &SpectrumArgs, as_json: bool) -> Outcome {
+pub(crate) fn spectrum(args: &SpectrumArgs, as_json: bool, quiet: bool) -> Outcome {
     let recipe = input::read_recipe(&args.recipe)?;
     let wavelengths_nm = input::samples("--wavelengths-nm", "nm", &args.wavelengths_nm)?;
     let angles_deg = input::angles_deg(&args.angles_deg)?;
@@ -123,6 +130,9 @@ pub(crate) fn spectrum(args: &SpectrumArgs, as_json: bool) -> Outcome {
     };
     let table =
         grid.table(args).map_err(|why| Stop::BadInput(format!("{}: {why}", args.recipe.display())))?;
+    if let Some(warning) = table.warning.as_ref().filter(|_| !quiet) {
+        crate::note(warning);
+    }
     if as_json {
         return terminal::print_json(&to_json(&recipe, args.pol, &angles_deg, &wavelengths_nm, &table));
     }
@@ -158,8 +168,8 @@ impl Grid<'_> {
                 LineShape::Gaussian => Shape::Gaussian,
                 LineShape::Lorentzian => Shape::Lorentzian,
             };
-            return self
-                .over_a_line(Line { shape, width: nm * 1e-9 }, args.accuracy.unwrap_or(LINE_ACCURACY));
+            let accuracy = args.accuracy.unwrap_or_else(|| line_accuracy(shape));
+            return self.over_a_line(Line { shape, width: nm * 1e-9 }, accuracy);
         }
         if let Some(nm) = args.incoherent_above_nm {
             return self.mixed(nm * 1e-9);
@@ -207,7 +217,8 @@ impl Grid<'_> {
         let columns: Vec<Vec<Rta>> =
             self.wavelengths.par_iter().map(|wavelength| column(*wavelength)).collect::<Result<_, _>>()?;
         let row = |angle: usize| columns.iter().map(|column| column[angle]).collect();
-        Ok(Table { rows: (0..self.angles.len()).map(row).collect(), extra: Vec::new() })
+        let rows = (0..self.angles.len()).map(row).collect();
+        Ok(Table { rows, extra: Vec::new(), warning: None })
     }
 
     fn ensemble(&self, seed: u64, members: Members) -> Result<Table, StackError> {
@@ -219,13 +230,19 @@ impl Grid<'_> {
         let mean =
             ensemble::mean_of(self.stack, seed, members, &self.wavelengths, &self.angles, polarisation)?;
         let rows = rows(&mean.reflectance, &mean.transmittance, &mean.absorptance);
-        let extra = vec![
+        let mut extra = vec![
             ("members", json!(mean.members)),
             ("seed", json!(seed)),
             ("R_std_error", json!(mean.reflectance_error)),
             ("T_std_error", json!(mean.transmittance_error)),
         ];
-        Ok(Table { rows, extra })
+        if let Members::ToAccuracy(accuracy) = members {
+            extra.extend([("accuracy", json!(accuracy)), ("converged", json!(mean.converged))]);
+        }
+        let warning = (!mean.converged).then(|| {
+            format!("{} stacks, the most that are drawn, do not reach the accuracy asked for", mean.members)
+        });
+        Ok(Table { rows, extra, warning })
     }
 
     fn over_a_line(&self, line: Line, accuracy: f64) -> Result<Table, StackError> {
@@ -245,10 +262,18 @@ impl Grid<'_> {
         let shape = if line.shape == Shape::Gaussian { "gaussian" } else { "lorentzian" };
         let extra = vec![
             ("line", json!({ "shape": shape, "fwhm_nm": thinfilm::nanometres(line.width) })),
-            ("change_of_last_doubling", json!(mean.change)),
-            ("converged", json!(mean.change <= accuracy)),
+            ("accuracy", json!(accuracy)),
+            ("error", json!(mean.error)),
+            ("converged", json!(mean.error <= accuracy)),
         ];
-        Ok(Table { rows, extra })
+        let reached =
+            if mean.error.is_finite() { format!("{:.1e}", mean.error) } else { "unknown".to_owned() };
+        let warning = (mean.error > accuracy).then(|| {
+            format!(
+                "the error of the mean over the line is {reached}, more than the accuracy of {accuracy:e}"
+            )
+        });
+        Ok(Table { rows, extra, warning })
     }
 }
 
