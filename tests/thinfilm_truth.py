@@ -53,9 +53,9 @@ def layers(stack):
     return [(stack["layers"] // 2, pair), (stack["layers"] % 2, pair[:1])]
 
 
-def check(stack, angles):
-    """What is refused whatever the wavelength."""
-    ambient, substrate = stack["ambient"].get("k", 0), stack["substrate"].get("k", 0)
+def check(stack, angles, nm):
+    """What is refused by itself."""
+    ambient, substrate = (index(stack[half], nm)[1] for half in ("ambient", "substrate"))
     if ambient < 0 or substrate < 0 or (ambient > 0 and any(angles)):
         raise Refused
     every = [layer for repeat, unit in layers(stack) if repeat for layer in unit]
@@ -263,6 +263,8 @@ def stack_of(draw, gain, thick):
 def cavity(draw, pairs):
     """Two mirrors about a spacer, tuned to some visible wavelength."""
     centre, high, low = draw.uniform(450, 650), draw.uniform(1.9, 2.6), draw.uniform(1.3, 1.6)
+    # No narrower than the waves of the reference resolve.
+    pairs = min(pairs, int(0.5 * np.log(5e4) / np.log(high / low)))
     k = draw.choice([0.0, 0.0, 10 ** draw.uniform(-7, -4)])
     quarter = lambda n: {"n": n, "k": k if n == high else 0.0, "thickness_nm": centre / 4 / n}
     a, b = quarter(high), quarter(low)
@@ -384,7 +386,7 @@ def judge(folder, seed):
     answer = ask(folder, r)
     with mp.workdps(DIGITS):
         try:
-            check(r["stack"], r["angles"])
+            check(r["stack"], r["angles"], r["nms"][0])
             if answer is None:
                 if r["kind"] == "mixed":
                     for angle in r["angles"]:

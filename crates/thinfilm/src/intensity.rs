@@ -57,8 +57,13 @@ impl Intensity {
     /// `self` above `below`: all orders of multiple reflection.
     #[must_use]
     pub fn star(&self, below: &Self) -> Self {
-        let lost_back = self.transmittance + self.absorptance_back;
-        let lost_below = below.transmittance + below.absorptance;
+        // 1 − R, from its parts where they are positive: of what amplifies they cancel.
+        let lost = |transmittance: f64, absorptance: f64, reflectance: f64| match absorptance < 0.0 {
+            true => 1.0 - reflectance,
+            false => transmittance + absorptance,
+        };
+        let lost_back = lost(self.transmittance, self.absorptance_back, self.reflectance_back);
+        let lost_below = lost(below.transmittance, below.absorptance, below.reflectance);
         let inner = lost_back + self.reflectance_back * lost_below;
         if inner <= 0.0 {
             // Two perfect mirrors face each other: no light comes in between them.

@@ -193,8 +193,11 @@ fn a_plate_above_its_threshold_is_refused() {
     // The ends reflect 0.0672 and 0.0039: gain of e^8.2 on the way to and fro.
     let threshold = 8.25 / (4.0 * std::f64::consts::TAU * 1e-3 / (550.0 * NM));
     assert!(plate(-0.9 * threshold).unwrap().reflectance > 1.0);
-    let refusal = plate(-1.1 * threshold).unwrap_err();
-    assert!(refusal.to_string().contains("lasing threshold"), "{refusal}");
+    // Far above, too, where T and A of a crossing leave no digits of 1 − R.
+    for above in [1.1, 3.0, 8.0, 20.0, 300.0] {
+        let refusal = plate(-above * threshold).unwrap_err();
+        assert!(refusal.to_string().contains("lasing threshold"), "{above}: {refusal}");
+    }
 }
 
 /// Half-spaces: the one below does not amplify, the one above is clear but at normal incidence. Every entrance refuses alike.
