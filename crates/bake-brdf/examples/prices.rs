@@ -169,8 +169,8 @@ fn colours() -> Result<()> {
     let reflectance = Wanted { coherent: Want::Required, ..wanted };
     let field = Wanted { emission: Want::Required, ..wanted };
     let sample = |recipe: Recipe, wanted: Wanted| -> Result<(Vec<f64>, f64)> {
-        let [coherent, emission] = spectra::counts(&recipe, wanted);
-        let (colours, seconds) = timed(cpu_seconds, || spectra::of(&recipe, wanted));
+        let [coherent, emission] = spectra::counts(&recipe, wanted, 1.0);
+        let (colours, seconds) = timed(cpu_seconds, || spectra::of(&recipe, wanted, 1.0));
         colours?;
         Ok((vec![coherent[0] + emission[0], coherent[1] + emission[1]], seconds))
     };
@@ -184,9 +184,7 @@ fn colours() -> Result<()> {
         fit(what, &[2, 10, 100, 1000, 10_000], repeats, absorbs, reflectance)?;
     }
     fit("M, doubled".to_owned(), &[20_000, 40_000], true, false, reflectance)?;
-    for absorbs in [false, true] {
-        fit(format!("Ê, absorbs {absorbs}"), &[2, 10, 100, 1000], true, absorbs, field)?;
-    }
+    fit("Ê".to_owned(), &[2, 10, 100, 1000], false, true, field)?;
     Ok(())
 }
 

@@ -78,6 +78,16 @@ pub enum Target {
     Time(Duration),
 }
 
+impl Target {
+    /// The accuracy, a share: that of a bake without a target where paths or a time are the target.
+    pub(crate) const fn share(&self) -> f64 {
+        match self {
+            Self::AccuracyPercent(percent) => *percent / 100.0,
+            Self::Paths(_) | Self::Time(_) => DEFAULT_ACCURACY_PERCENT / 100.0,
+        }
+    }
+}
+
 /// Who solves the transport problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]

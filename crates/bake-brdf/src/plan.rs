@@ -234,7 +234,7 @@ fn interference_costs(request: &Request, costs: &mut [Cost; 12]) {
     let threads = rayon::current_num_threads() as f64;
     let seconds = |set: EffectSet| {
         let wanted = Wanted::by_effects(set, false);
-        spectra::forecast(&request.recipe, wanted).map(|seconds| seconds / threads)
+        spectra::forecast(&request.recipe, wanted, request.colour_accuracy()).map(|seconds| seconds / threads)
     };
     let whole = seconds(set);
     let regular = seconds(set.without(Effect::Irregularity));
@@ -249,7 +249,7 @@ fn interference_costs(request: &Request, costs: &mut [Cost; 12]) {
 
 /// What the lobe costs: the walk from a pilot, doubling from its operation count.
 fn lobe_cost(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<Cost, BakeError> {
-    let forecast = bake::forecast(request, bands, solver, &Observer::idle())?;
+    let forecast = bake::lobe_forecast(request, bands, solver, &Observer::idle())?;
     let cells = forecast.cells as f64;
     let each =
         if solver == SolverChoice::Doubling { prices::DOUBLING_CELL_BYTES } else { prices::WALK_CELL_BYTES };

@@ -42,15 +42,13 @@ pub(crate) const fn reflectance(repeats: bool, absorbs: bool) -> [f64; 2] {
         (true, false) => [6e-8, 1.7e-10],
         (true, true) => [2e-7, 5e-10],
         (false, false) => [5e-8, 6e-10],
-        (false, true) => [6e-8, 6.3e-9],
+        (false, true) => [6e-8, 2.5e-9],
     }
 }
 /// The same for stacks so deep that their periods are doubled.
 pub(crate) const DOUBLED: [f64; 2] = [1.3e-5, 0.0];
-/// The same for a wave with its field, which needs the robust form where the stack absorbs.
-pub(crate) const fn field(absorbs: bool) -> [f64; 2] {
-    if absorbs { [5e-7, 4.2e-7] } else { [4e-8, 1.9e-9] }
-}
+/// The same for a wave with its field.
+pub(crate) const FIELD: [f64; 2] = [4e-8, 2.5e-9];
 
 /// Seconds that a row of a table takes beside its solution, most of them on one thread.
 pub(crate) const fn row_beside(geometry: Geometry) -> f64 {
@@ -66,9 +64,9 @@ pub(crate) const HEADER_BYTES: u64 = 5_000;
 pub(crate) const INCIDENCE_BYTES: u64 = 700;
 pub(crate) const WALK_CELL_BYTES: f64 = 22.0;
 pub(crate) const DOUBLING_CELL_BYTES: f64 = 25.0;
-/// Bytes of M and Ê in the metadata: 91 and 31 angles of 80 bands as JSON text (a regular stack's M; an irregular one's
-/// has 31 angles too).
-pub(crate) const SPECTRUM_BYTES: [u64; 2] = [80_000, 27_000];
+/// Bytes of M and Ê in the metadata: 91 and 19 angles of 80 bands as JSON text (a regular stack's M; an irregular one's
+/// has 19 angles too).
+pub(crate) const SPECTRUM_BYTES: [u64; 2] = [80_000, 17_000];
 
 /// Seconds that a cheap solution for the choice of bands takes beside its doubling (its lobes become cells), and a layer of the
 /// smooth stack at an incidence.

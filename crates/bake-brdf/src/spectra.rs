@@ -3,7 +3,8 @@
 //!
 //! Values are means over bands of 5 nm from 380 to 780 nm of as many wavelengths as the work allows, so that fringes
 //! (0.84 nm wide for 500 layers) do not alias; RGB is summed over the single wavelengths. A stack with irregular
-//! thicknesses is the mean over an ensemble drawn from a fixed seed.
+//! thicknesses is the mean over an ensemble drawn from a fixed seed, of as many members as the accuracy takes: a pilot at a few angles
+//! says how many. Angles are halved where reading between them misses more than its share.
 //!
 //! R_incoherent is what the walk tends to for σ → 0 at its wavelength. So lobe·M never reflects more than it receives, and for
 //! σ → 0 it is R_coherent.
@@ -11,7 +12,7 @@
 use crate::effects::{Effect, EffectSet};
 use crate::prices;
 use crate::recipe::{Recipe, RecipeError};
-use lut_io::spectra::{Coherent, Emission, Missing, Spectra};
+use lut_io::spectra::{Coherent, ColourError, Emission, Missing, Spectra};
 use rayon::prelude::*;
 use thinfilm::emission::SourceProfile;
 use thinfilm::modulation::{self, Banded, Sampling};
@@ -23,24 +24,30 @@ const BANDS: usize = 80;
 /// Steps between angles, degrees: the stop bands of a regular stack move by up to 3 nm a degree.
 const FINE_STEP_DEG: usize = 1;
 /// Ê, and M of irregular stacks, are smoother.
-const STEP_DEG: usize = 3;
+const STEP_DEG: usize = 5;
 /// Stands in for 90°, where no power arrives and radiance has no meaning.
 const GRAZING_DEG: f64 = 89.9;
-/// Most wavelengths a band: 0.25 nm resolve fringes of 0.84 nm; finer ones (thicker stacks) are sampled at these points.
-const FINEST: f64 = 20.0;
-/// Layers × wavelengths × angles × polarisations × members that one quantity may have: what a forecast prices are the waves that this
-/// comes to.
-const REFLECTANCE_WORK: f64 = 3e9;
-const IRREGULAR_WORK: f64 = 5e7;
-const FIELD_WORK: f64 = 7e8;
-const SLOW_FIELD_WORK: f64 = 2e7;
-/// Members of an ensemble of irregular stacks: at least, and as many as bring the hue to ΔE00 ≈ 0.5.
-const FEWEST_MEMBERS: f64 = 2.0;
-const MEMBERS: f64 = 64.0;
-/// Wavelengths a band that come before more members.
-const FIRST_PER_BAND: f64 = 2.0;
-/// What a wave costs beside its layers, in layers.
-const OVERHEAD: usize = 300;
+/// Wavelengths a band of a regular stack, fewest and most: 0.25 nm resolve fringes of 0.84 nm.
+const REGULAR_PER_BAND: [f64; 2] = [20.0, 160.0];
+/// Wavelengths a band of M and of Ê of an irregular stack: more members are worth more, but stored energy has narrower lines.
+const IRREGULAR_PER_BAND: [f64; 2] = [2.0, 8.0];
+/// Seconds of one core, by the prices, that one quantity to ΔE00 1 may take (others by the square, as their members), and that its
+/// pilot may.
+const AFFORDABLE: f64 = 0.6;
+const PILOT: f64 = 0.05;
+/// Shares of the colour difference asked for that waves, and reading between angles, aim at.
+const SAMPLING_SHARE: f64 = 0.6;
+const ANGLES_SHARE: f64 = 0.4;
+/// Members of a pilot, fewest and most, and its angles in degrees.
+const PILOT_MEMBERS: [f64; 2] = [2.0, 16.0];
+const PILOT_DEG: [f64; 6] = [0.0, 20.0, 40.0, 60.0, 75.0, 85.0];
+/// Angle up to which a colour is judged: beyond, the surface reflects nearly all, by M near 1, and hides the base.
+const JUDGED_DEG: f64 = 85.0;
+/// Fewest and most members of an ensemble of irregular stacks.
+const MEMBERS: [f64; 2] = [2.0, 4096.0];
+/// Rounds of halving angles, and most of them.
+const ANGLE_ROUNDS: usize = 4;
+const MOST_ANGLES: usize = 400;
 /// Deepest part of a stack, in layers, that waves are followed in one layer at a time.
 const DEEPEST: usize = 16_384;
 /// Names the ensemble.
@@ -148,11 +155,11 @@ impl Colours {
     }
 }
 
-/// The colours of a recipe that are wanted: a fraction of a second for a regular stack, seconds for an irregular one.
+/// The colours of a recipe that are wanted, to a colour difference ΔE00 as far as the work allows: what is reached is stored.
 ///
 /// # Errors
 /// A recipe that the transport problem refuses; a [`Want::Required`] colour of a stack whose waves cannot be followed.
-pub fn of(recipe: &Recipe, wanted: Wanted) -> Result<Colours, SpectraError> {
+pub fn of(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<Colours, SpectraError> {
     let mut colours = Colours {
         spectra: Spectra { wavelength_nm: band_centres_nm(), ..Spectra::default() },
         missing: Vec::new(),
@@ -170,10 +177,12 @@ pub fn of(recipe: &Recipe, wanted: Wanted) -> Result<Colours, SpectraError> {
             Err(why) => Err(SpectraError::Required { effect, source: Box::new(why) }),
         }
     };
-    let coherent =
-        attempt(Effect::Coherent, wanted.coherent, &|| coherent(recipe, wanted).map(Part::Coherent))?;
-    let emission =
-        attempt(Effect::Emission, wanted.emission, &|| emission(recipe, wanted).map(Part::Emission))?;
+    let coherent = attempt(Effect::Coherent, wanted.coherent, &|| {
+        coherent(recipe, wanted, delta_e00).map(Part::Coherent)
+    })?;
+    let emission = attempt(Effect::Emission, wanted.emission, &|| {
+        emission(recipe, wanted, delta_e00).map(Part::Emission)
+    })?;
     for part in coherent.into_iter().chain(emission) {
         match part {
             Part::Coherent(part) => colours.spectra.coherent = Some(part),
@@ -215,60 +224,118 @@ pub(crate) fn incoherent(
     Ok(radians(theta_deg).iter().map(|theta| incoherent_reflectance(&transport, *theta)).collect())
 }
 
-fn coherent(recipe: &Recipe, wanted: Wanted) -> Result<Coherent, SpectraError> {
+fn coherent(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<Coherent, SpectraError> {
     let transport = walked(recipe, wanted, recipe.wavelength())?;
     let stack = wave_stack(recipe, wanted);
-    let (theta_deg, effort) = coherent_effort(&stack);
+    let effort = Effort::of_coherent(&stack, &transport, delta_e00)?;
+    let of = |theta_deg: &[f64]| reflected(&stack, &transport, theta_deg, effort.sampling());
+    let Curve { theta_deg, rows, error } = curve(effort.theta_deg.clone(), delta_e00, of)?;
     let angles = radians(&theta_deg);
-    let incoherent: Vec<f64> =
-        angles.par_iter().map(|theta| incoherent_reflectance(&transport, *theta)).collect();
-    let (modulation, modulation_rgb) =
-        columns(modulation::modulation(&stack, &incoherent, &angles, effort.sampling())?);
-    Ok(Coherent { theta_deg, modulation, modulation_rgb, incoherent })
+    let incoherent = angles.par_iter().map(|theta| incoherent_reflectance(&transport, *theta)).collect();
+    let (modulation, modulation_rgb) = columns(rows);
+    Ok(Coherent { theta_deg, modulation, modulation_rgb, incoherent, delta_e00: error })
 }
 
-fn emission(recipe: &Recipe, wanted: Wanted) -> Result<Emission, SpectraError> {
+fn reflected(
+    stack: &Stack,
+    transport: &Transport,
+    theta_deg: &[f64],
+    sampling: Sampling,
+) -> Result<Vec<Banded>, StackError> {
+    let angles = radians(theta_deg);
+    let incoherent: Vec<f64> =
+        angles.par_iter().map(|theta| incoherent_reflectance(transport, *theta)).collect();
+    modulation::modulation(stack, &incoherent, &angles, sampling)
+}
+
+fn emission(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<Emission, SpectraError> {
     // Refuses what the bake refuses, with its words.
     recipe.transport(recipe.wavelength())?;
     let stack = emission_stack(recipe, wanted);
-    let (theta_deg, effort) = emission_effort(&stack);
-    let (radiance, radiance_rgb) = columns(modulation::emission(
-        &stack,
-        recipe.source_profile(),
-        &radians(&theta_deg),
-        effort.sampling(),
-    )?);
-    Ok(Emission { theta_deg, radiance, radiance_rgb })
+    let profile = recipe.source_profile();
+    let effort = Effort::of_emission(&stack, profile, delta_e00)?;
+    let of =
+        |theta_deg: &[f64]| modulation::emission(&stack, profile, &radians(theta_deg), effort.sampling());
+    let Curve { theta_deg, rows, error } = curve(effort.theta_deg.clone(), delta_e00, of)?;
+    let (radiance, radiance_rgb) = columns(rows);
+    Ok(Emission { theta_deg, radiance, radiance_rgb, delta_e00: error })
 }
 
 fn columns(rows: Vec<Banded>) -> (Vec<Vec<f64>>, Vec<[f64; 3]>) {
     rows.into_iter().map(|row| (row.bands, row.rgb)).unzip()
 }
 
-/// Angles of M, and how finely it is sampled.
-fn coherent_effort(stack: &Stack) -> (Vec<f64>, Effort) {
-    let irregular = stack.is_irregular();
-    let theta_deg = angles_deg(if irregular { STEP_DEG } else { FINE_STEP_DEG });
-    // Repeated units of a long stack are doubled.
-    let layers = (stack.layer_count() as usize).min(DEEPEST);
-    let work = if irregular { IRREGULAR_WORK } else { REFLECTANCE_WORK };
-    let effort = Effort::new(work, layers, theta_deg.len(), irregular);
-    (theta_deg, effort)
+/// A colour over angles.
+struct Curve {
+    theta_deg: Vec<f64>,
+    rows: Vec<Banded>,
+    error: ColourError,
 }
 
-/// Angles of Ê, and how finely it is sampled.
-fn emission_effort(stack: &Stack) -> (Vec<f64>, Effort) {
-    let irregular = stack.is_irregular();
-    let theta_deg = angles_deg(STEP_DEG);
-    let work = if has_slow_fields(stack) { SLOW_FIELD_WORK } else { FIELD_WORK };
-    let layers = (stack.layer_count() as usize).min(DEEPEST);
-    let effort = Effort::new(work, layers, theta_deg.len(), irregular);
-    (theta_deg, effort)
+/// A colour at angles from `first` on, more where reading between them misses more than its share of a colour difference.
+fn curve(
+    first: Vec<f64>,
+    delta_e00: f64,
+    of: impl Fn(&[f64]) -> Result<Vec<Banded>, StackError>,
+) -> Result<Curve, StackError> {
+    let mut nodes: Vec<(f64, Banded)> = first.iter().copied().zip(of(&first)?).collect();
+    let mut missed = missed_between(&nodes);
+    for _ in 0..ANGLE_ROUNDS {
+        let wide = |i: &usize| nodes[*i].0 < JUDGED_DEG && missed[*i] > ANGLES_SHARE * delta_e00;
+        let middles: Vec<f64> =
+            (0..missed.len()).filter(wide).map(|i| 0.5 * (nodes[i].0 + nodes[i + 1].0)).collect();
+        if middles.is_empty() || nodes.len() + middles.len() > MOST_ANGLES {
+            break;
+        }
+        nodes.extend(middles.iter().copied().zip(of(&middles)?));
+        nodes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        missed = missed_between(&nodes);
+    }
+    let judged = nodes.partition_point(|(degrees, _)| *degrees <= JUDGED_DEG);
+    let worst =
+        |of: &dyn Fn(&Banded) -> f64| nodes[..judged].iter().map(|(_, row)| of(row)).fold(0.0, f64::max);
+    let known = nodes.iter().all(|(_, row)| row.sampling.is_some());
+    let error = ColourError {
+        sampling: known.then(|| three_digits(worst(&|row| row.sampling.unwrap_or(0.0)))),
+        angles: three_digits(missed[..judged - 1].iter().copied().fold(0.0, f64::max)),
+        bands: three_digits(worst(&|row| row.between_bands)),
+    };
+    let (theta_deg, rows) = nodes.into_iter().unzip();
+    Ok(Curve { theta_deg, rows, error })
 }
 
-/// Whether fields are followed as if they needed the slow form: in irregular stacks and in those that absorb.
-fn has_slow_fields(stack: &Stack) -> bool {
-    stack.is_irregular() || absorbs(stack)
+/// ΔE00 that reading misses in the middle of each interval: a quarter of what its ends are missed by from their neighbours (halves of
+/// intervals as wide), beyond three standard errors of noise.
+fn missed_between(nodes: &[(f64, Banded)]) -> Vec<f64> {
+    let bends: Vec<f64> = nodes
+        .windows(3)
+        .map(|three| {
+            let [(a, before), (b, here), (c, after)] = [&three[0], &three[1], &three[2]];
+            let t = (b - a) / (c - a);
+            let read = [0, 1, 2].map(|i: usize| (1.0 - t) * before.xyz[i] + t * after.xyz[i]);
+            let bent = colour::delta_e_2000(colour::lab(read), colour::lab(here.xyz));
+            let noise = [(before, 1.0 - t), (here, 1.0), (after, t)]
+                .map(|(row, share)| 1.5 * share * row.sampling.unwrap_or(0.0));
+            let noise2: f64 = noise.iter().map(|noise| noise * noise).sum();
+            // The error of reading is the product of both parts of the interval.
+            (bent * bent - noise2).max(0.0).sqrt() / ((b - a) * (c - b))
+        })
+        .collect();
+    let intervals = nodes.len() - 1;
+    (0..intervals)
+        .map(|i| {
+            let width = nodes[i + 1].0 - nodes[i].0;
+            let left = bends.get(i.wrapping_sub(1)).or(bends.first());
+            let right = bends.get(i).or(bends.last());
+            let bend = left.into_iter().chain(right).copied().fold(0.0, f64::max);
+            0.25 * width * width * bend
+        })
+        .collect()
+}
+
+/// More digits than an error has would hide that it is one.
+fn three_digits(x: f64) -> f64 {
+    format!("{x:.2e}").parse().unwrap_or(x)
 }
 
 fn absorbs(stack: &Stack) -> bool {
@@ -278,15 +345,25 @@ fn absorbs(stack: &Stack) -> bool {
     })
 }
 
-/// Waves that M and Ê take, and layers that those pass; 0 where a colour is not wanted.
+/// Waves that M and Ê take to a colour difference ΔE00, and layers that those pass; 0 where a colour is not wanted or cannot be had. The pilot
+/// of an irregular stack is run.
 #[must_use]
-pub fn counts(recipe: &Recipe, wanted: Wanted) -> [[f64; 2]; 2] {
-    let count = |stack: &Stack, effort: &Effort| [effort.waves, effort.waves * stack.layer_count() as f64];
-    let stack = wave_stack(recipe, wanted);
-    let coherent = || count(&stack, &coherent_effort(&stack).1);
+pub fn counts(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> [[f64; 2]; 2] {
+    let count = |stack: &Stack, effort: Result<Effort, SpectraError>| {
+        let waves = effort.map_or(0.0, |effort| effort.waves());
+        [waves, waves * stack.layer_count() as f64]
+    };
+    let coherent = || {
+        let stack = wave_stack(recipe, wanted);
+        let effort = walked(recipe, wanted, recipe.wavelength())
+            .map_err(SpectraError::from)
+            .and_then(|transport| Effort::of_coherent(&stack, &transport, delta_e00));
+        count(&stack, effort)
+    };
     let emission = || {
         let stack = emission_stack(recipe, wanted);
-        count(&stack, &emission_effort(&stack).1)
+        let effort = Effort::of_emission(&stack, recipe.source_profile(), delta_e00);
+        count(&stack, effort)
     };
     [
         if wanted.coherent == Want::No { [0.0; 2] } else { coherent() },
@@ -294,51 +371,95 @@ pub fn counts(recipe: &Recipe, wanted: Wanted) -> [[f64; 2]; 2] {
     ]
 }
 
-/// Seconds of one core that M and Ê take, each 0 where it is not wanted.
+/// Seconds of one core that M and Ê take to a colour difference ΔE00, each 0 where it is not wanted.
 #[must_use]
-pub fn forecast(recipe: &Recipe, wanted: Wanted) -> [f64; 2] {
-    let stack = wave_stack(recipe, wanted);
-    let absorbs = absorbs(&stack);
-    let repeats = !stack.is_irregular() && stack.runs.iter().any(|run| run.repeat > 1);
-    let deep = stack.layer_count() > DEEPEST as u128;
-    let wave = if deep { prices::DOUBLED } else { prices::reflectance(repeats, absorbs) };
-    let is_below = recipe.source_profile() == SourceProfile::Substrate;
-    let field = if is_below { wave } else { prices::field(absorbs) };
-    let [coherent, emission] = counts(recipe, wanted);
+pub fn forecast(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> [f64; 2] {
+    let [coherent, emission] = counts(recipe, wanted, delta_e00);
+    let wave = reflectance_price(&wave_stack(recipe, wanted));
+    let field = field_price(&emission_stack(recipe, wanted), recipe.source_profile());
     [prices::sum(&coherent, &wave), prices::sum(&emission, &field)]
+}
+
+/// Seconds of a wave through a stack by itself, and for each layer.
+fn reflectance_price(stack: &Stack) -> [f64; 2] {
+    let repeats = !stack.is_irregular() && stack.runs.iter().any(|run| run.repeat > 1);
+    // Repeated units of a deep stack are doubled.
+    let deep = stack.layer_count() > DEEPEST as u128;
+    if deep { prices::DOUBLED } else { prices::reflectance(repeats, absorbs(stack)) }
+}
+
+/// The same with its field.
+fn field_price(stack: &Stack, profile: SourceProfile) -> [f64; 2] {
+    if profile == SourceProfile::Substrate { reflectance_price(stack) } else { prices::FIELD }
 }
 
 /// How finely a quantity is sampled.
 struct Effort {
+    theta_deg: Vec<f64>,
     /// Wavelengths a band.
-    per_band: usize,
+    per_band: f64,
     /// Members of an ensemble.
-    members: u64,
-    /// Wavelengths × angles × polarisations × members.
-    waves: f64,
+    members: f64,
 }
 
 impl Effort {
-    fn new(work: f64, layers: usize, angles: usize, irregular: bool) -> Self {
-        // Both polarisations.
-        let a_wavelength_a_band = (2 * BANDS * (layers + OVERHEAD) * angles) as f64;
-        let affordable = work / a_wavelength_a_band;
-        let members = if irregular {
-            (affordable / FIRST_PER_BAND).clamp(FEWEST_MEMBERS, MEMBERS).floor()
-        } else {
-            1.0
+    /// Of M.
+    fn of_coherent(stack: &Stack, transport: &Transport, delta_e00: f64) -> Result<Self, SpectraError> {
+        let step = if stack.is_irregular() { STEP_DEG } else { FINE_STEP_DEG };
+        let pilot = |sampling| reflected(stack, transport, &PILOT_DEG, sampling);
+        let irregular = Self { theta_deg: angles_deg(step), per_band: IRREGULAR_PER_BAND[0], members: 1.0 };
+        irregular.chosen(stack, reflectance_price(stack), delta_e00, pilot)
+    }
+
+    /// Of Ê.
+    fn of_emission(stack: &Stack, profile: SourceProfile, delta_e00: f64) -> Result<Self, SpectraError> {
+        let pilot = |sampling| modulation::emission(stack, profile, &radians(&PILOT_DEG), sampling);
+        let irregular =
+            Self { theta_deg: angles_deg(STEP_DEG), per_band: IRREGULAR_PER_BAND[1], members: 1.0 };
+        irregular.chosen(stack, field_price(stack, profile), delta_e00, pilot)
+    }
+
+    /// As many wavelengths of a regular stack, or members of an irregular one, as a pilot finds necessary and the work allows.
+    fn chosen(
+        self,
+        stack: &Stack,
+        price: [f64; 2],
+        delta_e00: f64,
+        pilot: impl Fn(Sampling) -> Result<Vec<Banded>, StackError>,
+    ) -> Result<Self, SpectraError> {
+        let left_open = |effort: &Self| -> Result<f64, SpectraError> {
+            let rows = pilot(effort.sampling())?;
+            Ok(rows.iter().filter_map(|row| row.sampling).fold(0.0, f64::max))
         };
-        let per_band = (affordable / members).clamp(1.0, FINEST);
-        let per_band = per_band.floor();
-        Self {
-            per_band: per_band as usize,
-            members: members as u64,
-            waves: (2 * BANDS * angles) as f64 * per_band * members,
+        let aim = SAMPLING_SHARE * delta_e00;
+        // A wavelength a band, of one member, in both polarisations.
+        let wave = prices::sum(&[1.0, stack.layer_count() as f64], &price);
+        let seconds = |angles: usize| (2 * BANDS * angles) as f64 * wave;
+        let affordable = (AFFORDABLE / (delta_e00.powi(2) * seconds(self.theta_deg.len()))).max(1.0).floor();
+        if !stack.is_irregular() {
+            let [first, finest] = REGULAR_PER_BAND.map(|per_band| per_band.min(affordable));
+            let mut effort = Self { per_band: first, ..self };
+            while 2.0 * effort.per_band <= finest && left_open(&effort)? > aim {
+                effort.per_band *= 2.0;
+            }
+            return Ok(effort);
         }
+        let per_band = self.per_band.min(affordable);
+        let [fewest, enough] = PILOT_MEMBERS;
+        let members = (PILOT / (per_band * seconds(PILOT_DEG.len()))).clamp(fewest, enough).floor();
+        let first = Self { per_band, members, ..self };
+        let wanted = (members * (left_open(&first)? / aim).powi(2)).ceil();
+        let [fewest, most] = MEMBERS;
+        Ok(Self { members: wanted.min((affordable / per_band).floor()).clamp(fewest, most), ..first })
+    }
+
+    /// Wavelengths × angles × polarisations × members.
+    fn waves(&self) -> f64 {
+        (2 * BANDS * self.theta_deg.len()) as f64 * self.per_band * self.members
     }
 
     const fn sampling(&self) -> Sampling {
-        Sampling { bands: BANDS, per_band: self.per_band, members: self.members, seed: SEED }
+        Sampling { bands: BANDS, per_band: self.per_band as usize, members: self.members as u64, seed: SEED }
     }
 }
 
@@ -456,7 +577,7 @@ mod tests {
     }
 
     fn both(text: &str) -> (Coherent, Emission) {
-        let spectra = of(&recipe(text), BOTH).unwrap().spectra;
+        let spectra = of(&recipe(text), BOTH, 1.0).unwrap().spectra;
         spectra.validate().unwrap();
         (spectra.coherent.unwrap(), spectra.emission.unwrap())
     }
@@ -559,9 +680,65 @@ mod tests {
         let irregular = recipe(r#"{"stack": {"layers": 6, "aragonite": {"thickness_sd_nm": 20}}}"#);
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| of(&irregular, BOTH).unwrap())
+            pool.install(|| of(&irregular, BOTH, 1.0).unwrap())
         };
         assert_eq!(on(1), on(3));
+    }
+
+    /// Colours at stored angles and half-way, against an ensemble of another seed, with more members and wavelengths.
+    #[test]
+    fn colours_are_as_near_as_they_say_at_angles_and_between_them() {
+        let cases = [
+            (r#"{"layers": 12, "aragonite": {"thickness_sd_nm": 10}}"#, 4.0),
+            (r#"{"layers": 12, "aragonite": {"thickness_sd_nm": 10}}"#, 2.0),
+            (r#"{"layers": 150, "conchiolin": {"thickness_sd_nm": 3}}"#, 1.0),
+            (r#"{"layers": 1, "aragonite": {"thickness_nm": 1500}}"#, 1.0),
+            (r#"{"layers": 40, "aragonite": {"k": 1e-3}}"#, 1.0),
+        ];
+        for (stack, asked) in cases {
+            let recipe = recipe(&format!(r#"{{"stack": {stack}}}"#));
+            let transport = walked(&recipe, BOTH, recipe.wavelength()).unwrap();
+            let stack = wave_stack(&recipe, BOTH);
+            let effort = Effort::of_coherent(&stack, &transport, asked).unwrap();
+            let of =
+                |theta_deg: &[f64], sampling| reflected(&stack, &transport, theta_deg, sampling).unwrap();
+            let curve =
+                curve(effort.theta_deg.clone(), asked, |theta_deg| Ok(of(theta_deg, effort.sampling())))
+                    .unwrap();
+            let ColourError { sampling, angles, bands } = curve.error;
+            let said = sampling.unwrap().hypot(angles);
+            assert!(said + bands <= 1.5 * asked, "{recipe:?}: {:?} of {asked}", curve.error);
+            let judged = curve.theta_deg.partition_point(|degrees| *degrees < JUDGED_DEG);
+            let probes: Vec<usize> = (0..judged).step_by(curve.rows.len() / 6).collect();
+            let middle = |i: usize| 0.5 * (curve.theta_deg[i] + curve.theta_deg[i + 1]);
+            let theta_deg: Vec<f64> = probes.iter().flat_map(|i| [curve.theta_deg[*i], middle(*i)]).collect();
+            let finer = Sampling { seed: 99, members: 4 * effort.members as u64, ..effort.sampling() };
+            let truth = of(&theta_deg, Sampling { per_band: 2 * finer.per_band, ..finer });
+            for (k, i) in probes.iter().enumerate() {
+                let (here, next) = (&curve.rows[*i].xyz, &curve.rows[i + 1].xyz);
+                let between = [0, 1, 2].map(|c: usize| 0.5 * (here[c] + next[c]));
+                for (read, truth) in [(*here, &truth[2 * k]), (between, &truth[2 * k + 1])] {
+                    let off = colour::delta_e_2000(colour::lab(read), colour::lab(truth.xyz));
+                    // Three standard errors of the noise.
+                    assert!(off <= 1.5 * said, "{recipe:?}, {}°: {off}, {:?}", theta_deg[2 * k], curve.error);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn more_accuracy_takes_more_members_and_a_deep_irregular_stack_says_what_it_reached() {
+        let members = |text: &str, asked| {
+            let recipe = recipe(text);
+            let transport = walked(&recipe, BOTH, recipe.wavelength()).unwrap();
+            Effort::of_coherent(&wave_stack(&recipe, BOTH), &transport, asked).unwrap().members
+        };
+        let few = r#"{"stack": {"layers": 20, "aragonite": {"thickness_sd_nm": 10}}}"#;
+        assert!(members(few, 4.0) < members(few, 1.0) && members(few, 1.0) < members(few, 0.5));
+        let deep = recipe(r#"{"stack": {"layers": 2000, "aragonite": {"k": 1e-6, "thickness_sd_nm": 10}}}"#);
+        let wanted = Wanted { emission: Want::No, ..BOTH };
+        let said = of(&deep, wanted, 0.3).unwrap().spectra.coherent.unwrap().delta_e00;
+        assert!(said.sampling.unwrap() > 0.3, "{said:?}");
     }
 
     #[test]
@@ -569,7 +746,7 @@ mod tests {
         let recipe = recipe(r#"{"stack": {"layers": 4}, "look": {"depth": 0, "coherence": 0.3}}"#);
         let held = |effects: &[Effect]| {
             let wanted = Wanted::by_effects(effects.iter().copied().collect(), false);
-            of(&recipe, wanted).unwrap().effects().iter().collect::<Vec<_>>()
+            of(&recipe, wanted, 1.0).unwrap().effects().iter().collect::<Vec<_>>()
         };
         assert_eq!(held(&[Effect::Coherent, Effect::Blur]), [Effect::Coherent]);
         assert_eq!(held(&[Effect::Emission]), [Effect::Emission]);
@@ -581,7 +758,7 @@ mod tests {
         let plain = both(r#"{"stack": {"layers": 4}}"#);
         let text = r#"{"stack": {"layers": 4, "aragonite": {"k": 0.01, "thickness_sd_nm": 30}}}"#;
         let of_text = |wanted| {
-            let spectra = of(&recipe(text), wanted).unwrap().spectra;
+            let spectra = of(&recipe(text), wanted, 1.0).unwrap().spectra;
             (spectra.coherent.unwrap(), spectra.emission.unwrap())
         };
         assert_eq!(of_text(Wanted { irregularity: false, absorption: false, ..BOTH }), plain);
@@ -600,33 +777,24 @@ mod tests {
             r#"{"stack": {"layers": 4, "aragonite": {"n": {"cauchy": [3.153, -0.5]}, "thickness_nm": 450}}}"#,
         );
         let effects: EffectSet = [Effect::Coherent, Effect::Emission].into_iter().collect();
-        let colours = of(&violet, Wanted::by_effects(effects, false)).unwrap();
+        let colours = of(&violet, Wanted::by_effects(effects, false), 1.0).unwrap();
         assert_eq!(colours.effects(), EffectSet::NONE);
         assert_eq!(colours.missing.len(), 2);
         assert!(colours.missing[0].1.contains("n = -0."), "{:?}", colours.missing);
-        let error = of(&violet, Wanted::by_effects(effects, true)).unwrap_err().to_string();
+        let error = of(&violet, Wanted::by_effects(effects, true), 1.0).unwrap_err().to_string();
         assert!(error.starts_with("effects: coherent cannot be had: ") && !error.contains('\n'), "{error}");
     }
 
     #[test]
     fn colours_of_more_layers_are_predicted_to_take_longer_and_absorbing_ones_longest() {
-        // Few enough layers that neither members nor wavelengths are spared.
-        let stack = |layers: u32, k: f64, sd: f64| {
-            recipe(&format!(
-                r#"{{"stack": {{"layers": {layers}, "aragonite": {{"k": {k}, "thickness_sd_nm": {sd}}}}}}}"#
-            ))
+        let stack = |layers: u32, k: f64| {
+            recipe(&format!(r#"{{"stack": {{"layers": {layers}, "aragonite": {{"k": {k}}}}}}}"#))
         };
-        for sd in [0.0, 20.0] {
-            let [few, more, absorbing] =
-                [(10, 0.0), (40, 0.0), (40, 1e-3)].map(|(layers, k)| forecast(&stack(layers, k, sd), BOTH));
-            for colour in 0..2 {
-                assert!(0.0 < few[colour] && few[colour] < more[colour], "{sd}: {few:?} {more:?}");
-                assert!(more[colour] < absorbing[colour], "{sd}: {more:?} {absorbing:?}");
-            }
-        }
-        // Ê of a clear irregular stack goes through the fast lanes.
-        assert!(forecast(&stack(40, 0.0, 20.0), BOTH)[1] < 0.1 * forecast(&stack(40, 1e-3, 20.0), BOTH)[1]);
-        assert_eq!(forecast(&stack(40, 0.0, 0.0), Wanted::default()), [0.0; 2]);
+        let [few, more, absorbing] =
+            [(10, 0.0), (40, 0.0), (40, 1e-3)].map(|(layers, k)| forecast(&stack(layers, k), BOTH, 1.0));
+        assert!((0..2).all(|colour| 0.0 < few[colour] && few[colour] < more[colour]), "{few:?} {more:?}");
+        assert!(more[0] < absorbing[0], "{more:?} {absorbing:?}");
+        assert_eq!(forecast(&stack(40, 0.0), Wanted::default(), 1.0), [0.0; 2]);
     }
 
     #[test]
@@ -643,7 +811,7 @@ mod tests {
         // Light from below is what the stack lets through: most where it reflects least.
         let (coherent, _) = both(r#"{"stack": {"layers": 40}}"#);
         let of_band =
-            |band: usize| (coherent.modulation[30][band] * coherent.incoherent[30], substrate[10][band]);
+            |band: usize| (coherent.modulation[30][band] * coherent.incoherent[30], substrate[6][band]);
         for band in 1..BANDS {
             let ((r_0, e_0), (r_1, e_1)) = (of_band(0), of_band(band));
             assert!((e_1 / e_0 - (1.0 - r_1) / (1.0 - r_0)).abs() < 1e-3, "{band}");

@@ -45,7 +45,7 @@ pub fn radiance(
     Ok(mean)
 }
 
-fn of_member(
+pub(crate) fn of_member(
     stack: &Stack,
     profile: SourceProfile,
     wavelengths: &[f64],

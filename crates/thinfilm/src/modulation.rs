@@ -3,10 +3,10 @@
 
 use rayon::prelude::*;
 
-use crate::colour;
+use crate::colour::{self, Xyz};
 use crate::emission::{self, SourceProfile};
-use crate::ensemble;
 use crate::stack::{Stack, StackError};
+use crate::{dense, ensemble};
 
 /// How the spectra of a stack are sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,27 +28,36 @@ pub struct Banded {
     pub bands: Vec<f64>,
     /// Linear sRGB of the single wavelengths, never negative; 1, 1, 1 for a spectrum that is 1 everywhere.
     pub rgb: [f64; 3],
+    /// Tristimulus values of the single wavelengths, not clipped.
+    pub xyz: Xyz,
+    /// What members and wavelengths leave open of the colour, ΔE00: two standard errors of an ensemble; of a regular stack half the
+    /// change where every second wavelength is left out. `None` where neither is known (one member of an irregular stack, an odd number of intervals).
+    pub sampling: Option<f64>,
+    /// ΔE00 between the colour and that of the bands, read linearly between their centres.
+    pub between_bands: f64,
 }
 
 /// M at angles (radians): the coherent reflectance of unpolarised light over R_incoherent, one positive number an angle
 /// ([`crate::intensity::incoherent`]). At most 1/R_incoherent, so that what is multiplied by it reflects no more than it receives.
 ///
 /// # Errors
-/// As [`ensemble::mean`].
+/// As [`Stack::draw`] and [`dense::spectra`].
 pub fn modulation(
     stack: &Stack,
     incoherent: &[f64],
     angles: &[f64],
     sampling: Sampling,
 ) -> Result<Vec<Banded>, StackError> {
-    let Sampling { seed, members, .. } = sampling;
-    let coherent = ensemble::mean(stack, seed, members, &sampling.wavelengths(), angles)?.reflectance;
-    let row = |(coherent, incoherent): (Vec<f64>, &f64)| {
+    let wavelengths = sampling.wavelengths();
+    let coherent = Means::new(stack, sampling, |member| {
+        let spectra = dense::spectra_for_means(member, &wavelengths, angles, None)?;
+        Ok((0..angles.len()).map(|at| spectra.unpolarised_reflectance(at)).collect())
+    })?;
+    let row = |(at, incoherent): (usize, &f64)| {
         let most = 1.0 / incoherent;
-        let modulation: Vec<f64> = coherent.iter().map(|r| (r * most).clamp(0.0, most)).collect();
-        sampling.banded(&modulation, most)
+        sampling.banded(&coherent, at, most, most)
     };
-    Ok(coherent.into_par_iter().zip(incoherent).map(row).collect())
+    Ok(incoherent.par_iter().enumerate().map(row).collect())
 }
 
 /// Ê at angles (radians, below 90°): [`emission::radiance`] with unit mean over the bands, so that the hue goes with the view
@@ -62,14 +71,89 @@ pub fn emission(
     angles: &[f64],
     sampling: Sampling,
 ) -> Result<Vec<Banded>, StackError> {
-    let Sampling { seed, members, .. } = sampling;
-    let radiance = emission::radiance(stack, profile, seed, members, &sampling.wavelengths(), angles)?;
-    let row = |radiance: Vec<f64>| {
-        let mean = sampling.band_means(&radiance).iter().sum::<f64>() / sampling.bands as f64;
-        let unit = |e: f64| if mean > 0.0 { e / mean } else { 1.0 };
-        sampling.banded(&radiance.into_iter().map(unit).collect::<Vec<f64>>(), f64::INFINITY)
+    let wavelengths = sampling.wavelengths();
+    let radiance =
+        Means::new(stack, sampling, |member| emission::of_member(member, profile, &wavelengths, angles))?;
+    let row = |at: usize| {
+        let mean = sampling.band_means(&radiance.mean[at]).iter().sum::<f64>() / sampling.bands as f64;
+        let unit = if mean > 0.0 { 1.0 / mean } else { 1.0 };
+        sampling.banded(&radiance, at, unit, f64::INFINITY)
     };
-    Ok(radiance.into_par_iter().map(row).collect())
+    Ok((0..angles.len()).into_par_iter().map(row).collect())
+}
+
+/// Spectra of an ensemble.
+struct Means {
+    /// Their mean, rows of angles, each over the wavelengths.
+    mean: Vec<Vec<f64>>,
+    /// Colours of the members, rows of angles.
+    colours: Vec<Vec<Xyz>>,
+    /// Whether the stack is its own ensemble.
+    is_regular: bool,
+}
+
+impl Means {
+    /// Spectra of each member, rows of angles, added in the order of the members, so that the sums do not depend on the threads.
+    fn new(
+        stack: &Stack,
+        sampling: Sampling,
+        of_member: impl Fn(&Stack) -> Result<Vec<Vec<f64>>, StackError> + Sync,
+    ) -> Result<Self, StackError> {
+        const BATCH: u64 = 16;
+        let is_regular = !stack.is_irregular();
+        let members = if is_regular { 1 } else { sampling.members.clamp(1, ensemble::MOST_MEMBERS) };
+        let mut means = Self { mean: Vec::new(), colours: Vec::new(), is_regular };
+        for from in (0..members).step_by(BATCH as usize) {
+            let batch = (from..(from + BATCH).min(members)).into_par_iter().map(|member| {
+                let rows = of_member(&stack.draw(sampling.seed, member)?)?;
+                let colours = rows.iter().map(|row| colour::xyz(row)).collect();
+                Ok((rows, colours))
+            });
+            for (rows, colours) in batch.collect::<Result<Vec<(Vec<Vec<f64>>, Vec<Xyz>)>, StackError>>()? {
+                means.add(&rows, &colours, 1.0 / members as f64);
+            }
+        }
+        Ok(means)
+    }
+
+    fn add(&mut self, rows: &[Vec<f64>], colours: &[Xyz], share: f64) {
+        if self.mean.is_empty() {
+            self.mean = rows.iter().map(|row| vec![0.0; row.len()]).collect();
+            self.colours = vec![Vec::new(); rows.len()];
+        }
+        for (mean, value) in self.mean.iter_mut().flatten().zip(rows.iter().flatten()) {
+            *mean += share * value;
+        }
+        for (all, colour) in self.colours.iter_mut().zip(colours) {
+            all.push(*colour);
+        }
+    }
+
+    /// What is left open of the colour of the mean at an angle, all values times a scale.
+    fn left_open(&self, at: usize, scale: f64) -> Option<f64> {
+        let scaled = |xyz: Xyz| xyz.map(|x| scale * x);
+        let row = &self.mean[at];
+        let mean = scaled(colour::xyz(row));
+        let from_mean = |xyz: Xyz| colour::delta_e_2000(colour::lab(mean), colour::lab(xyz));
+        if self.is_regular {
+            // Both ends are among every second one.
+            let every_second: Vec<f64> = row.iter().step_by(2).copied().collect();
+            return (row.len() > 2 && row.len() % 2 == 1)
+                .then(|| from_mean(scaled(colour::xyz(&every_second))));
+        }
+        let colours = &self.colours[at];
+        let members = colours.len() as f64;
+        if members < 2.0 {
+            return None;
+        }
+        // A member's distance from the mean is large for a colour difference: it is looked at on the scale of the mean's error.
+        let near = |member: &Xyz| {
+            let member = scaled(*member);
+            [0, 1, 2].map(|i: usize| mean[i] + (member[i] - mean[i]) / members.sqrt())
+        };
+        let squares: f64 = colours.iter().map(|member| from_mean(near(member)).powi(2)).sum();
+        Some(2.0 * (squares / (members - 1.0)).sqrt())
+    }
 }
 
 impl Sampling {
@@ -88,13 +172,30 @@ impl Sampling {
         (0..self.bands).map(mean).collect()
     }
 
-    /// Colours up to `most`.
-    fn banded(&self, values: &[f64], most: f64) -> Banded {
+    /// The mean at an angle times a scale, colours up to `most`.
+    fn banded(&self, means: &Means, at: usize, scale: f64, most: f64) -> Banded {
+        let values: Vec<f64> = means.mean[at].iter().map(|value| (value * scale).clamp(0.0, most)).collect();
         let white = colour::linear_srgb(colour::xyz(&vec![1.0; values.len()]));
-        let rgb = colour::linear_srgb(colour::xyz(values));
+        let xyz = colour::xyz(&values);
+        let rgb = colour::linear_srgb(xyz);
+        let bands = self.band_means(&values);
+        let read = colour::xyz(&self.read_between(&bands));
         Banded {
-            bands: self.band_means(values),
             rgb: [0, 1, 2].map(|c| (rgb[c] / white[c]).clamp(0.0, most)),
+            sampling: means.left_open(at, scale),
+            between_bands: colour::delta_e_2000(colour::lab(xyz), colour::lab(read)),
+            bands,
+            xyz,
         }
+    }
+
+    /// Bands at each wavelength: linearly between their centres, the outer ones beyond theirs.
+    fn read_between(&self, bands: &[f64]) -> Vec<f64> {
+        let at = |i: usize| {
+            let position = (i as f64 / self.per_band as f64 - 0.5).clamp(0.0, (bands.len() - 1) as f64);
+            let (band, t) = (position as usize, position.fract());
+            (1.0 - t) * bands[band] + t * bands[(band + 1).min(bands.len() - 1)]
+        };
+        (0..=self.bands * self.per_band).map(at).collect()
     }
 }

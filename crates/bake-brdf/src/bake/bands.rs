@@ -9,7 +9,6 @@
 use super::cells::{cell_shares, exit_axis};
 use super::{BakeError, COARSEST_DOUBLING, Request};
 use crate::effects::Effect;
-use crate::options::{DEFAULT_ACCURACY_PERCENT, Target};
 use crate::prices;
 use crate::recipe::Recipe;
 use crate::spectra;
@@ -101,7 +100,7 @@ impl Request {
         if !self.is_dispersed() {
             return Ok(Bands::own(&self.recipe));
         }
-        let share = chosen_to(self.options.target);
+        let share = self.options.target.share();
         let settings = cheap_settings(&self.transport()?, share);
         match chosen(self, share, settings.as_ref()) {
             Err(BakeError::Doubling(_)) => chosen(self, share, None),
@@ -115,21 +114,13 @@ impl Request {
     }
 }
 
-/// Accuracy by which bands are chosen, a share: that of a bake without a target where paths or a time are the target.
-const fn chosen_to(target: Target) -> f64 {
-    match target {
-        Target::AccuracyPercent(percent) => percent / 100.0,
-        Target::Paths(_) | Target::Time(_) => DEFAULT_ACCURACY_PERCENT / 100.0,
-    }
-}
-
 /// Seconds of one core that [`Request::bands`] takes.
 pub(super) fn seconds_to_choose(request: &Request) -> Result<f64, BakeError> {
     if !request.is_dispersed() {
         return Ok(0.0);
     }
     let transport = request.transport()?;
-    let each = match cheap_settings(&transport, chosen_to(request.options.target)) {
+    let each = match cheap_settings(&transport, request.options.target.share()) {
         Some(settings) => {
             prices::BAND_SOLVED + settings.cost(&transport, Geometry::Plane, ANGLES_DEG.len()).seconds
         }
@@ -261,7 +252,7 @@ mod tests {
     use super::*;
     use crate::bake::effort;
     use crate::effects::Effects;
-    use crate::options::Options;
+    use crate::options::{Options, Target};
     use crate::recipe::AzimuthMode;
 
     fn request(text: &str, percent: f64) -> Request {

@@ -1,7 +1,7 @@
 //! The grid of a table: at which incidences it has rows, and into which cells of exit directions each is divided.
 
 use super::{BakeError, COARSEST_DOUBLING, Request, exit_axis, placing};
-use crate::options::{DEFAULT_ACCURACY_PERCENT, OptionError, Target, check_incidences};
+use crate::options::{OptionError, check_incidences};
 use lut_io::axis::ExitAxis;
 use serde::{Deserialize, Serialize};
 use transport::doubling::{DoublingError, Operator, Settings};
@@ -62,10 +62,7 @@ impl Grid {
         if !request.effects.has_lobe() || slope_sd == 0.0 || both_given {
             return Ok(listed(first));
         }
-        let share = match options.target {
-            Target::AccuracyPercent(percent) => percent / 100.0,
-            Target::Paths(_) | Target::Time(_) => DEFAULT_ACCURACY_PERCENT / 100.0,
-        };
+        let share = options.target.share();
         let transport = stand_in(request, transport)?;
         let [rows_share, cells_share] = reading_shares(&first);
         let finer = (FINER * rows_share.min(cells_share) * share)
@@ -74,10 +71,18 @@ impl Grid {
         if settings.cost(&transport, geometry, SOLVED).seconds > AFFORDABLE {
             return Ok(listed(first));
         }
-        let operator = match Operator::new(&transport, geometry, &settings) {
+        let mut operator = match Operator::new(&transport, geometry, &settings) {
             Err(DoublingError::Domain { .. } | DoublingError::TooCostly { .. }) => return Ok(listed(first)),
             operator => operator?,
         };
+        // A faint component is judged by the root of its share: its lobes have to be finer by as much.
+        let faintest = placing::faintest(&operator.solve(&placing::probes(&first))?);
+        let settings = Settings::for_accuracy(&transport, geometry, (finer * faintest).max(LOBE_SHARES[0]));
+        if settings.cost(&transport, geometry, SOLVED).seconds <= AFFORDABLE
+            && let Ok(finer) = Operator::new(&transport, geometry, &settings)
+        {
+            operator = finer;
+        }
         let azimuth = request.recipe.azimuth;
         let solve = |theta_i: &[f64]| Ok(operator.solve(theta_i)?);
         let axis = match options.cells {

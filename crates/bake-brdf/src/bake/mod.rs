@@ -25,8 +25,9 @@ pub use sampling::{Shard, State};
 
 use crate::effects::EffectError;
 use crate::options::{OptionError, Sides, SolverChoice, Target};
+use crate::prices;
 use crate::recipe::RecipeError;
-use crate::spectra::SpectraError;
+use crate::spectra::{self, SpectraError};
 use crate::tally::Tally;
 use assemble::{SecondSide, Solved};
 use lut_io::axis::ExitAxis;
@@ -320,12 +321,31 @@ pub struct Forecast {
     pub rows: u64,
 }
 
-/// Predicts the cost of a bake by a solver without doing it: the walk's from a pilot of a few thousand paths at some
-/// incidences, doubling's from its operation count. What choosing the bands took is counted in.
+/// Predicts the cost of a bake by a solver without doing it: of its lobe, its colours and its file.
 ///
 /// # Errors
 /// As [`walk()`] and [`doubling()`].
 pub fn forecast(
+    request: &Request,
+    bands: &Bands,
+    solver: SolverChoice,
+    observer: &Observer<'_>,
+) -> Result<Forecast, BakeError> {
+    let lobe = lobe_forecast(request, bands, solver, observer)?;
+    let threads = rayon::current_num_threads() as f64;
+    let colours: f64 =
+        spectra::forecast(&request.recipe, request.wanted_colours(), request.colour_accuracy()).iter().sum();
+    let rows = prices::row_beside(request.geometry()) * lobe.rows as f64;
+    let seconds = lobe.seconds + colours / threads + rows + prices::OVERHEAD_SECONDS;
+    Ok(Forecast { seconds, ..lobe })
+}
+
+/// Predicts the cost of a lobe: the walk's from a pilot of a few thousand paths at some incidences, doubling's from its operation
+/// count. What placing rows and cells took is counted in, and what choosing the bands does.
+///
+/// # Errors
+/// As [`walk()`] and [`doubling()`].
+pub(crate) fn lobe_forecast(
     request: &Request,
     bands: &Bands,
     solver: SolverChoice,
@@ -348,7 +368,7 @@ pub fn forecast(
         let beside = beside.map(|(transport, &each)| choice::seconds_beside_walk(request, transport, each));
         (walk.seconds + beside.sum::<f64>() / threads, walk.paths)
     };
-    let seconds = solved + bands::seconds_to_choose(request)? / threads;
+    let seconds = solved + request.placing_seconds + bands::seconds_to_choose(request)? / threads;
     // Three components of value, error and count, and four coordinates, four bytes each.
     Ok(Forecast { seconds, paths, bytes: cells * 13 * 4, cells, rows })
 }

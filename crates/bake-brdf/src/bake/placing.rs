@@ -10,7 +10,7 @@ use crate::recipe::Azimuth;
 use lut_io::axis::ExitAxis;
 use rayon::prelude::*;
 use std::f64::consts::FRAC_PI_2;
-use transport::doubling::Solution;
+use transport::doubling::{Solution, component_scale};
 
 /// Incidences from which the bend of the lobes is known.
 const SCOUTS: usize = 40;
@@ -31,6 +31,20 @@ const MOST_CELLS: usize = 4096;
 /// Solves lobes at incidences, radians.
 type Solve<'a> = dyn Fn(&[f64]) -> Result<Solution, BakeError> + 'a;
 
+/// Incidences at which cells are chosen.
+pub(super) fn probes(axis: &ExitAxis) -> Vec<f64> {
+    spread_out(CELL_PROBES, axis.width())
+}
+
+/// By how much an error of all light counts less than as much of the interior, which renderers read beside it.
+pub(super) fn faintest(solution: &Solution) -> f64 {
+    let shares = solution.lobes.iter().filter_map(|lobe| {
+        let scale = component_scale(lobe.albedo - lobe.surface, lobe.albedo)?;
+        Some(scale / lobe.albedo)
+    });
+    shares.fold(1.0, f64::min)
+}
+
 /// The coarsest axis of which reading between cells misses at most `share`, as far as there is one.
 pub(super) fn cells(
     first: &ExitAxis,
@@ -38,7 +52,7 @@ pub(super) fn cells(
     share: f64,
     solve: &Solve<'_>,
 ) -> Result<ExitAxis, BakeError> {
-    let solution = solve(&spread_out(CELL_PROBES, first.width()))?;
+    let solution = solve(&probes(first))?;
     let missed = |axis: &ExitAxis| {
         let probes = (0..CELL_PROBES).into_par_iter();
         probes.map(|i| reading::between_cells(axis, azimuth, &solution, i).worst()).reduce(|| 0.0, f64::max)

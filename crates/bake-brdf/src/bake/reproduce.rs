@@ -70,7 +70,7 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
     options.check()?;
     let incident_deg = meta.per_incidence.iter().map(|at| at.theta_i_deg).collect();
     let grid = Grid { incident_deg, axis: meta.exit_axis };
-    Ok(Request { recipe, effects, options, grid })
+    Ok(Request { recipe, effects, options, grid, placing_seconds: 0.0 })
 }
 
 const fn exactly(precision: solver::Precision) -> Precision {

@@ -6,7 +6,11 @@ use crate::options::{Options, Sides, SolverChoice};
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::spectra::{self, Colours, Wanted};
 use lut_io::axis::ExitAxis;
+use std::time::Instant;
 use transport::{Geometry, Light, Transport};
+
+/// Bounds of the colour difference ΔE00 that colours are baked to.
+const COLOUR_ACCURACY: [f64; 2] = [0.3, 5.0];
 
 /// What is baked.
 #[derive(Clone, Debug)]
@@ -19,6 +23,8 @@ pub struct Request {
     pub options: Options,
     /// Rows and cells.
     pub grid: Grid,
+    /// Seconds by the clock that placing rows and cells took; 0 where they are read from a file.
+    pub placing_seconds: f64,
 }
 
 impl Request {
@@ -44,8 +50,11 @@ impl Request {
             effects,
             options,
             grid: Grid { incident_deg: Vec::new(), axis: exit_axis(geometry, width) },
+            placing_seconds: 0.0,
         };
+        let started = Instant::now();
         request.grid = Grid::of(&request)?;
+        request.placing_seconds = started.elapsed().as_secs_f64();
         Ok(request)
     }
 
@@ -122,7 +131,14 @@ impl Request {
 
     /// The interference colours that the effects call for.
     pub(super) fn colours(&self) -> Result<Colours, BakeError> {
-        Ok(spectra::of(&self.recipe, self.wanted_colours())?)
+        Ok(spectra::of(&self.recipe, self.wanted_colours(), self.colour_accuracy())?)
+    }
+
+    /// The colour difference ΔE00 to which colours are wanted: a unit for each per cent of the lobe's accuracy, within bounds.
+    #[must_use]
+    pub fn colour_accuracy(&self) -> f64 {
+        let [least, most] = COLOUR_ACCURACY;
+        (100.0 * self.options.target.share()).clamp(least, most)
     }
 
     /// Which interference colours the effects call for: a listed one that this stack cannot have is an error.
@@ -137,7 +153,7 @@ impl Request {
     pub fn content_hash(&self, solver: SolverChoice) -> String {
         use sha2::Digest as _;
         let options = &self.options;
-        // Without a lobe neither incidences nor accuracy nor seed matter.
+        // Without a lobe neither incidences nor seed matter.
         let lobe = self.effects.has_lobe().then(|| {
             // 32 bits asked for or chosen are the same bits.
             let precision = self.transport().map(|transport| options.precision.resolve(&transport)).ok();
@@ -151,6 +167,7 @@ impl Request {
             "writer": concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")),
             "recipe": recipe.to_json(),
             "effects": self.effects,
+            "colours": self.colour_accuracy(),
             "lobe": lobe,
         });
         let digest = sha2::Sha256::digest(content.to_string().as_bytes());

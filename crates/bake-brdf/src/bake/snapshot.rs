@@ -83,7 +83,13 @@ impl Snapshot {
         let recipe = Recipe::from_json(&self.recipe)
             .map_err(|why| SnapshotError::Damaged(format!("its recipe: {why}")))?;
         let grid = Grid::from_json(&self.grid).map_err(SnapshotError::Damaged)?;
-        Ok(Request { recipe, effects: self.effects, options: self.options.clone(), grid })
+        Ok(Request {
+            recipe,
+            effects: self.effects,
+            options: self.options.clone(),
+            grid,
+            placing_seconds: 0.0,
+        })
     }
 
     /// Whether `other` is a part of the same bake; names the first difference.

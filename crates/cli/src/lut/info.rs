@@ -3,6 +3,7 @@
 use crate::{FileArg, read};
 use lut_io::axis::ExitAxis;
 use lut_io::both_sides::BothSides;
+use lut_io::spectra::ColourError;
 use lut_io::table::{AzimuthMode, IncidenceSummary, Meta};
 use std::fmt::Write as _;
 use terminal::{Outcome, Stop};
@@ -54,6 +55,14 @@ fn text(meta: &Meta) -> String {
     line("cells", cells(&meta.exit_axis));
     line("azimuth", azimuth(meta));
     line("accuracy", accuracy(meta));
+    if let Some(spectra) = &meta.spectra {
+        let errors = [
+            ("coherent", spectra.coherent.as_ref().map(|part| part.delta_e00)),
+            ("emission", spectra.emission.as_ref().map(|part| part.delta_e00)),
+        ];
+        let known = errors.iter().filter_map(|(name, error)| Some(colours(name, (*error)?)));
+        line("colours", known.collect::<Vec<_>>().join("; "));
+    }
     text.push_str("\n  theta_i   albedo    +-      surface  transmitted  absorbed  mean exit     sd    skew     paths\n");
     for summary in &meta.per_incidence {
         text.push_str(&row(summary));
@@ -116,6 +125,14 @@ fn accuracy(meta: &Meta) -> String {
         accuracy.worst_theta_i_deg,
         accuracy.rows_percent,
         accuracy.cells_percent.map_or_else(|| "unknown".to_owned(), |percent| format!("{percent:.3} %")),
+    )
+}
+
+fn colours(name: &str, error: ColourError) -> String {
+    let sampling = error.sampling.map_or_else(|| "unknown".to_owned(), |error| error.to_string());
+    format!(
+        "{name} within ΔE00 {sampling} (waves), {} (between angles), {} (between bands)",
+        error.angles, error.bands
     )
 }
 

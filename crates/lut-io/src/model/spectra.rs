@@ -40,6 +40,31 @@ pub struct Missing {
     pub emission: Option<String>,
 }
 
+/// How far a colour is from the one that it stands for, CIEDE2000 under D65 of the spectrum as a reflectance, at the worst
+/// angle up to 85°.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ColourError {
+    /// At the stored angles: two standard errors of an ensemble of irregular stacks, for a regular stack half the change where every
+    /// second wavelength is left out. None where it is not known.
+    pub sampling: Option<f64>,
+    /// Read linearly between angles.
+    pub angles: f64,
+    /// Of the bands, read linearly between their centres; RGB has no part in it.
+    pub bands: f64,
+}
+
+impl ColourError {
+    fn validate(&self, name: &str) -> Result<(), FieldError> {
+        let Self { sampling, angles, bands } = *self;
+        let parts = [("sampling", sampling.unwrap_or(0.0)), ("angles", angles), ("bands", bands)];
+        parts.iter().try_for_each(|(part, error)| {
+            let name = format!("{name}.{part}");
+            check(&name, *error, error.is_finite() && *error >= 0.0, "a colour difference, 0 or more")
+        })
+    }
+}
+
 /// Coherent interference: what the lobes are multiplied by.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -52,6 +77,8 @@ pub struct Coherent {
     pub modulation_rgb: Vec<[f64; 3]>,
     /// R_incoherent(θ) that `modulation` was divided by; for information.
     pub incoherent: Vec<f64>,
+    /// Error of the colours.
+    pub delta_e00: ColourError,
 }
 
 /// Incoherent interference: what the base is multiplied by.
@@ -64,6 +91,8 @@ pub struct Emission {
     pub radiance: Vec<Vec<f64>>,
     /// Ê in linear sRGB (Ê = 1 at all wavelengths is 1, 1, 1), no channel below 0.
     pub radiance_rgb: Vec<[f64; 3]>,
+    /// Error of the colours.
+    pub delta_e00: ColourError,
 }
 
 impl Spectra {
@@ -80,11 +109,13 @@ impl Spectra {
                 modulation: rows(&coherent.modulation),
                 modulation_rgb: rgb(&coherent.modulation_rgb),
                 incoherent: row(&coherent.incoherent),
+                delta_e00: coherent.delta_e00,
             }),
             emission: self.emission.as_ref().map(|emission| Emission {
                 theta_deg: row(&emission.theta_deg),
                 radiance: rows(&emission.radiance),
                 radiance_rgb: rgb(&emission.radiance_rgb),
+                delta_e00: emission.delta_e00,
             }),
         }
     }
@@ -96,14 +127,18 @@ impl Spectra {
     pub fn validate(&self) -> Result<(), FieldError> {
         check_axis("wavelength_nm", &self.wavelength_nm, 1, |nm| nm > 0.0, "a positive wavelength")?;
         let bands = self.wavelength_nm.len();
-        if let Some(Coherent { theta_deg, modulation, modulation_rgb, incoherent }) = &self.coherent {
+        if let Some(Coherent { theta_deg, modulation, modulation_rgb, incoherent, delta_e00 }) =
+            &self.coherent
+        {
+            delta_e00.validate("coherent.delta_e00")?;
             check_angles("coherent.theta_deg", theta_deg)?;
             check_rows("coherent.modulation", modulation, theta_deg.len(), bands)?;
             check_rows("coherent.modulation_rgb", modulation_rgb, theta_deg.len(), 3)?;
             check_length("coherent.incoherent", incoherent.len(), theta_deg.len(), "angles")?;
             check_values("coherent.incoherent", incoherent)?;
         }
-        if let Some(Emission { theta_deg, radiance, radiance_rgb }) = &self.emission {
+        if let Some(Emission { theta_deg, radiance, radiance_rgb, delta_e00 }) = &self.emission {
+            delta_e00.validate("emission.delta_e00")?;
             check_angles("emission.theta_deg", theta_deg)?;
             check_rows("emission.radiance", radiance, theta_deg.len(), bands)?;
             check_rows("emission.radiance_rgb", radiance_rgb, theta_deg.len(), 3)?;
@@ -185,11 +220,13 @@ mod tests {
                 modulation: rows.clone(),
                 modulation_rgb: vec![[0.1, 0.2, 0.3]; 2],
                 incoherent: vec![0.4, 1.0],
+                delta_e00: ColourError::default(),
             }),
             emission: Some(Emission {
                 theta_deg: vec![0.0, 90.0],
                 radiance: rows,
                 radiance_rgb: vec![[1.0; 3]; 2],
+                delta_e00: ColourError::default(),
             }),
         }
     }
@@ -211,13 +248,14 @@ mod tests {
     #[test]
     fn every_flaw_is_refused_with_its_field() {
         #[allow(clippy::type_complexity)] // a list of named breakages
-        let breaks: [(&str, fn(&mut Spectra)); 9] = [
+        let breaks: [(&str, fn(&mut Spectra)); 10] = [
             ("wavelength_nm", |s| s.wavelength_nm.clear()),
             ("wavelength_nm[1]", |s| s.wavelength_nm[1] = 450.0),
             ("coherent.theta_deg", |s| coherent(s).theta_deg[1] = 89.0),
             ("coherent.modulation", |s| coherent(s).modulation.truncate(1)),
             ("coherent.modulation[1]", |s| coherent(s).modulation[1].push(0.0)),
             ("coherent.incoherent", |s| coherent(s).incoherent.clear()),
+            ("coherent.delta_e00.angles", |s| coherent(s).delta_e00.angles = -1.0),
             ("emission.radiance[0][1]", |s| emission(s).radiance[0][1] = f64::NAN),
             ("emission.radiance_rgb[1][2]", |s| emission(s).radiance_rgb[1][2] = -1e-3),
             ("emission.theta_deg", |s| emission(s).theta_deg = vec![0.0; MAX_NODES + 1]),

@@ -2,7 +2,7 @@
 #![allow(dead_code)] // each test program uses a part
 
 use lut_io::dispersion::{Band, Dispersion};
-use lut_io::spectra::{Coherent, Emission, Spectra};
+use lut_io::spectra::{Coherent, ColourError, Emission, Spectra};
 use lut_io::table::{Component, Table};
 use pearl_bsdf::{Components, Controls, Direction};
 use rand::RngExt as _;
@@ -33,9 +33,15 @@ pub(crate) fn with_waves(table: Table, pitch: f64) -> Table {
         modulation_rgb: rgb(&modulation),
         incoherent: theta_deg.iter().map(|t| 1.0 / most(*t)).collect(),
         theta_deg: theta_deg.clone(),
+        delta_e00: ColourError::default(),
     };
     let radiance = (rows(&emission), rgb(&emission));
-    let emission = Emission { radiance: radiance.0, radiance_rgb: radiance.1, theta_deg };
+    let emission = Emission {
+        radiance: radiance.0,
+        radiance_rgb: radiance.1,
+        theta_deg,
+        delta_e00: ColourError::default(),
+    };
     let spectra = Spectra { wavelength_nm, coherent: Some(coherent), emission: Some(emission) };
     specimen::changed(&table, |parts| parts.meta.spectra = Some(spectra.rounded()))
 }

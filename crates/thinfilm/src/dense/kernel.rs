@@ -4,7 +4,7 @@
 //! processor's instruction set, and then every `mul_add` is a call.
 
 use super::lanes::{
-    FEW_HALF_TURNS, Lanes, cos_sin_turns, exp2_neg, shears_of_few_half_turns, shears_of_half_turns,
+    FEW_HALF_TURNS, LANES, Lanes, cos_sin_turns, exp2_neg, shears_of_few_half_turns, shears_of_half_turns,
 };
 use super::levels::{Level, at_each_level};
 
@@ -255,19 +255,24 @@ pub(super) fn lossless(
     let mut wave = lossless_start(level, tile);
     let look_every = look_every(tile.layers.len());
     match tile.kinds {
-        Some(kinds) if !emission => {
+        Some(kinds) => {
             turns.resize(kinds.layers.len(), Turn::NONE);
             turns_of(level, tile, &kinds.layers, turns);
-            turned(level, turns, &kinds.of_layer, look_every, &mut wave);
+            if emission {
+                turned_emitting(level, tile, tile.layers, turns, &kinds.of_layer, look_every, &mut wave);
+            } else {
+                turned(level, turns, &kinds.of_layer, look_every, &mut wave);
+            }
         }
-        _ => {
+        None => {
             turns.resize(BLOCK, Turn::NONE);
             for block in tile.layers.chunks(look_every) {
                 turns_of(level, tile, block, turns);
+                let order = &ONE_BY_ONE[..block.len()];
                 if emission {
-                    turned_emitting(level, tile, block, turns, &mut wave);
+                    turned_emitting(level, tile, block, turns, order, look_every, &mut wave);
                 } else {
-                    turned(level, turns, &ONE_BY_ONE[..block.len()], look_every, &mut wave);
+                    turned(level, turns, order, look_every, &mut wave);
                 }
             }
         }
@@ -286,9 +291,10 @@ at_each_level! {
     fn turned(turns: &[Turn], order: &[u32], look_every: usize, wave: &mut LosslessWave) -> () = LosslessWave::turn
 }
 at_each_level! {
-    /// As `turned`, one block, with sources.
-    fn turned_emitting(tile: &LosslessTile, block: &[DenseLayer], turns: &[Turn], wave: &mut LosslessWave) -> ()
-        = LosslessWave::turn_emitting
+    /// As `turned`, through layers with sources.
+    fn turned_emitting(
+        tile: &LosslessTile, layers: &[DenseLayer], turns: &[Turn], order: &[u32], look_every: usize, wave: &mut LosslessWave
+    ) -> () = LosslessWave::turn_emitting
 }
 
 impl LosslessWave {
@@ -325,20 +331,30 @@ impl LosslessWave {
     }
 
     #[inline(always)]
-    fn turn_emitting(tile: &LosslessTile, block: &[DenseLayer], turns: &[Turn], wave: &mut Self) {
-        let [mut s, mut p] = wave.rotors;
-        for (layer, turn) in block.iter().zip(turns) {
-            let below = [s.standing(), p.standing()];
-            s = s.shear_b(turn.b[0]).shear_c(turn.c[0]).shear_b(turn.b[0]);
-            p = p.shear_b(turn.b[1]).shear_c(turn.c[1]).shear_b(turn.b[1]);
-            if layer.source != 0.0 {
-                let medium = &tile.media[layer.medium];
-                s = s.emit(layer, medium.up[0], medium.mean[0], medium.face[0], below[0]);
-                p = p.emit(layer, medium.up[1], medium.mean[1], medium.face[1], below[1]);
+    fn turn_emitting(
+        tile: &LosslessTile,
+        layers: &[DenseLayer],
+        turns: &[Turn],
+        order: &[u32],
+        look_every: usize,
+        wave: &mut Self,
+    ) {
+        for (block, order) in layers.chunks(look_every).zip(order.chunks(look_every)) {
+            let [mut s, mut p] = wave.rotors;
+            for (layer, &at) in block.iter().zip(order) {
+                let turn = &turns[at as usize];
+                let below = [s.standing(), p.standing()];
+                s = s.shear_b(turn.b[0]).shear_c(turn.c[0]).shear_b(turn.b[0]);
+                p = p.shear_b(turn.b[1]).shear_c(turn.c[1]).shear_b(turn.b[1]);
+                if layer.source != 0.0 {
+                    let medium = &tile.media[layer.medium];
+                    s = s.emit(layer, medium.up[0], medium.mean[0], medium.face[0], below[0]);
+                    p = p.emit(layer, medium.up[1], medium.mean[1], medium.face[1], below[1]);
+                }
             }
+            wave.rotors = [s, p];
+            wave.look();
         }
-        wave.rotors = [s, p];
-        wave.look();
     }
 }
 
@@ -417,6 +433,9 @@ pub(super) struct ComplexMedium {
     pub(super) turns: Lanes,
     /// Binary logarithms of decay per metre there and back, 2 k₀ Im kz/ln 2.
     pub(super) decay: Lanes,
+    /// |E|² of a wave by itself for unit |ψ|², and of what two interfere to; [s, p] (emission only).
+    pub(super) alone: [Lanes; 2],
+    pub(super) together: [Lanes; 2],
 }
 
 /// An interface, [s, p]: (q_upper − q_lower)/(q_upper + q_lower), and 1/|τ|, τ = 2 q_upper/(q_upper + q_lower).
@@ -453,6 +472,13 @@ struct Amplitudes {
 
 // By value throughout: the state must stay in registers.
 impl Amplitudes {
+    /// In the substrate.
+    const INSIDE: Self = Self {
+        down: [Lanes::splat(1.0), Lanes::splat(0.0)],
+        up: [Lanes::splat(0.0); 2],
+        norm: Lanes::splat(1.0),
+    };
+
     #[inline(always)]
     fn interface(self, rho: &[Lanes; 2], inverse_tau: Lanes) -> Self {
         let [re, im] = *rho;
@@ -462,6 +488,16 @@ impl Amplitudes {
             up: [re.fma(f[0], im.fnma(f[1], g[0])), re.fma(f[1], im.fma(f[0], g[1]))],
             norm: self.norm * inverse_tau,
         }
+    }
+
+    /// ∫|E|² over a layer from its lower face, where these amplitudes are, on the scale of its upper face.
+    #[inline(always)]
+    fn stored(&self, path: &Path, alone: Lanes, together: Lanes) -> Lanes {
+        let (f, g) = (self.down, self.up);
+        let waves = path.shrink.fma(square(g), square(f)) * path.mean;
+        let product = [f[0].fma(g[0], f[1] * g[1]), f[0].fnma(g[1], f[1] * g[0])];
+        let standing = path.standing[0].fma(product[0], path.standing[1] * product[1]);
+        alone.fma(waves, together * standing) * self.norm * self.norm
     }
 
     #[inline(always)]
@@ -492,12 +528,7 @@ at_each_level! { pub(super) fn complex(tile: &ComplexTile) -> TileResult = throu
 
 #[inline(always)]
 fn through_any_stack(tile: &ComplexTile) -> TileResult {
-    let start = Amplitudes {
-        down: [Lanes::splat(1.0), Lanes::splat(0.0)],
-        up: [Lanes::splat(0.0); 2],
-        norm: Lanes::splat(1.0),
-    };
-    let mut waves = [start; 2];
+    let mut waves = [Amplitudes::INSIDE; 2];
     let mut memories = [Memory::of(Lanes::splat(1.0)); 2];
     let mut total_decay = Lanes::splat(0.0);
     let look_every = look_every(tile.layers.len());
@@ -542,6 +573,81 @@ fn passage(medium: &ComplexMedium, layer: &DenseLayer) -> ([Lanes; 2], Lanes) {
     let decay = medium.decay.scale(layer.thickness);
     let shrink = exp2_neg(decay);
     ([cos * shrink, sin * shrink], decay)
+}
+
+/// Way through a layer of an energy, metres.
+struct Path {
+    /// Of a wave by itself, on the scale of its stronger end.
+    mean: Lanes,
+    /// Of twice the real part of f·ḡ, and of its imaginary part.
+    standing: [Lanes; 2],
+    /// |e^(2iδ)|.
+    shrink: Lanes,
+}
+
+impl Path {
+    /// From e^(2iδ), and the decay in it.
+    #[inline(always)]
+    fn new(medium: &ComplexMedium, layer: &DenseLayer, [re, im]: [Lanes; 2], decay: Lanes) -> Self {
+        // (1 − e^−x)/x: a short series where 1 − e^−x has lost digits.
+        const FEW: f64 = 1e-3;
+        const SERIES: [f64; 5] = [1.0, -0.5, 1.0 / 6.0, -1.0 / 24.0, 1.0 / 120.0];
+        let shrink = exp2_neg(decay);
+        let x = decay.scale(std::f64::consts::LN_2);
+        let series = x.polynomial(&SERIES);
+        let whole = (Lanes::splat(1.0) - shrink) / x;
+        let mut mean = series;
+        for i in 0..LANES {
+            mean.0[i] = if x.0[i] < FEW { series.0[i] } else { whole.0[i] };
+        }
+        let per_phase = Lanes::splat(2.0) / medium.turns.scale(std::f64::consts::TAU);
+        Self {
+            mean: mean.scale(layer.thickness),
+            standing: [im * per_phase, (shrink - re) * per_phase],
+            shrink,
+        }
+    }
+}
+
+at_each_level! {
+    /// As `complex`, with sources.
+    pub(super) fn complex_emitting(tile: &ComplexTile) -> TileResult = through_any_emitting_stack
+}
+
+#[inline(always)]
+fn through_any_emitting_stack(tile: &ComplexTile) -> TileResult {
+    let mut waves = [Amplitudes::INSIDE; 2];
+    let mut memories = [Memory::of(Lanes::splat(1.0)); 2];
+    let mut emission = [Lanes::splat(0.0); 2];
+    let mut total_decay = Lanes::splat(0.0);
+    let look_every = look_every(tile.layers.len());
+    for (block, interfaces) in tile.layers.chunks(look_every).zip(tile.interface_of.chunks(look_every)) {
+        for (layer, &at) in block.iter().zip(interfaces) {
+            let medium = &tile.media[layer.medium];
+            let (turn, decay) = passage(medium, layer);
+            let path = Path::new(medium, layer, turn, decay);
+            total_decay = total_decay + decay;
+            for pol in 0..2 {
+                let interface = &tile.interfaces[at];
+                let wave = waves[pol].interface(&interface.rho[pol], interface.inverse_tau[pol]);
+                let stored = wave.stored(&path, medium.alone[pol], medium.together[pol]);
+                emission[pol] = emission[pol].fma(path.shrink, stored.scale(layer.source));
+                waves[pol] = wave.propagate(turn[0], turn[1]);
+            }
+        }
+        for ((wave, memory), emission) in waves.iter_mut().zip(&mut memories).zip(&mut emission) {
+            *wave = wave.normalised();
+            if let Some(factor) = memory.look(wave.energy()) {
+                *wave = wave.scaled(factor);
+                *emission = *emission * factor * factor;
+            }
+        }
+    }
+    let mut result = finish_complex(tile, waves, memories, total_decay);
+    for (pol, emission) in emission.into_iter().enumerate() {
+        result.emission[pol] = emission / result.emission[pol];
+    }
+    result
 }
 
 /// Through layers of known passage, each above an interface.
@@ -591,6 +697,8 @@ fn finish_complex(
         result.reflectance[pol] = up / down;
         let power = memory.exponent.zip(total_decay, |e, decay| (-2.0 * e - decay).exp2());
         result.transmittance[pol] = power * tile.flux[pol] / down;
+        // Of unit |ψ| in the substrate: what is emitted is divided by it.
+        result.emission[pol] = down;
         let incoming = down * tile.inverse_contrast[pol];
         result.error[pol] = memory.magnified_rounding(AMPLITUDE_ROUNDING, tile.layers.len(), incoming);
     }
