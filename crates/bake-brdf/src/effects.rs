@@ -429,7 +429,7 @@ fn matter(effect: Effect, recipe: &Recipe) -> Result<String, String> {
         Effect::Blur => blur_matter(recipe),
         Effect::Absorption => absorbing(recipe)
             .or_else(|| absorbing_elsewhere(recipe))
-            .ok_or_else(|| "no layer absorbs (every k is 0)".to_owned()),
+            .ok_or_else(|| "nothing absorbs (every k is 0)".to_owned()),
         Effect::Dispersion => {
             dispersive(recipe).ok_or_else(|| "every index is the same at all wavelengths".to_owned())
         }
@@ -465,22 +465,27 @@ fn blur_matter(recipe: &Recipe) -> Result<String, String> {
 
 fn absorbing(recipe: &Recipe) -> Option<String> {
     let transport = recipe.transport(recipe.wavelength()).ok()?;
-    let layer = transport.optical_depths.iter().position(|depth| *depth > 0.0)?;
-    Some(format!("layer {} absorbs at {} nm", layer + 1, recipe.light.wavelength_nm))
+    let nm = recipe.light.wavelength_nm;
+    let medium = transport.extinctions.iter().position(|k| *k > 0.0)?;
+    let name =
+        if medium > transport.layers() { "the substrate".to_owned() } else { format!("layer {medium}") };
+    Some(format!("{name} absorbs at {nm} nm"))
 }
 
 /// A layer that absorbs at some wavelength, if not at that of the walk.
 fn absorbing_elsewhere(recipe: &Recipe) -> Option<String> {
-    let absorbs = |layer: &crate::recipe::Layer| match &layer.n {
-        Some(Dispersion::Table(rows)) => rows.iter().any(|row| row[2] > 0.0),
-        _ => layer.k > 0.0,
+    let absorbs = |n: &Option<Dispersion>, k: f64| match n {
+        Some(Dispersion::Table(rows)) => k > 0.0 || rows.iter().any(|row| row[2] > 0.0),
+        _ => k > 0.0,
     };
+    let layer = |layer: &crate::recipe::Layer| absorbs(&layer.n, layer.k);
     let stack = &recipe.stack;
     let any = match &stack.explicit {
-        Some(layers) => layers.iter().any(absorbs),
-        None => absorbs(&stack.aragonite) || (stack.layer_count() > 1 && absorbs(&stack.conchiolin)),
+        Some(layers) => layers.iter().any(layer),
+        None => layer(&stack.aragonite) || (stack.layer_count() > 1 && layer(&stack.conchiolin)),
     };
-    any.then(|| format!("a layer absorbs, though not at the walk's {} nm", recipe.light.wavelength_nm))
+    let any = any || absorbs(&stack.substrate.n, stack.substrate.k);
+    any.then(|| format!("the stack absorbs, though not at the walk's {} nm", recipe.light.wavelength_nm))
 }
 
 /// Absorption acts on the blur at the walk's wavelength, and on interference colours at all.
@@ -491,7 +496,7 @@ fn absorption(recipe: &Recipe, view: &View) -> Verdict {
         (Ok(()), Some(what)) => Ok(what),
         (Err(blur), _) if !colours => Err(format!("{blur}, and no interference is shown")),
         _ if colours => matter(Effect::Absorption, recipe),
-        _ => Err(format!("no layer absorbs at {} nm", recipe.light.wavelength_nm)),
+        _ => Err(format!("nothing absorbs at {} nm", recipe.light.wavelength_nm)),
     }
 }
 

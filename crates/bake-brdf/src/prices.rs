@@ -31,10 +31,11 @@ pub(crate) const fn walked(geometry: Geometry) -> [f64; WALKED.len()] {
 /// Seconds behind a crossing of the walk, for what may be measured beside it.
 pub(crate) const CROSSING: f64 = 1.5e-9;
 
-/// Factors of the effects on a crossing: 64-bit geometry, visible normals, absorption.
+/// Factors of the effects on a crossing: 64-bit geometry, visible normals, absorption, faces of complex index.
 pub(crate) const DOUBLE_PRECISION: f64 = 1.8;
 pub(crate) const VISIBLE: f64 = 1.4;
 pub(crate) const ABSORBING: f64 = 1.2;
+pub(crate) const COMPLEX: f64 = 2.0;
 
 /// Seconds of a wave through a stack by itself and for each layer, by whether the stack repeats and whether it absorbs.
 pub(crate) const fn reflectance(repeats: bool, absorbs: bool) -> [f64; 2] {

@@ -12,6 +12,12 @@ use thinfilm::emission::SourceProfile;
 use thinfilm::{Dispersion, Material, nanometres};
 use transport::{Facets, Normals, Sheets, Transport};
 
+/// Largest k/n of the first and of any other layer, and why; a substrate may have any.
+const MOST_ABSORBING: [(f64, &str); 2] = [
+    (0.02, "renderers have the mirror of the first layer in closed form, from its n"),
+    (0.2, "rays have no direction in a medium that absorbs within a wavelength"),
+];
+
 /// Schema name of the recipes that this version reads.
 pub const SCHEMA: &str = "pearl-recipe/1";
 /// Most layers a recipe may ask for.
@@ -483,19 +489,32 @@ impl Recipe {
             ));
         }
         let mut indices = vec![ambient.re];
+        let mut extinctions = vec![0.0];
         let mut optical_depths = Vec::with_capacity(stack.layer_count());
         let mut push = |field: &str, layer: &ResolvedLayer| {
             let index = index(field, &layer.material)?;
+            let (most, why) = if optical_depths.is_empty() { MOST_ABSORBING[0] } else { MOST_ABSORBING[1] };
+            if index.im > most * index.re {
+                let expected = format!("at most {most} n ({:.4} here): {why}", most * index.re);
+                return Err(wrong(&format!("{field}.k"), index.im, expected));
+            }
             indices.push(index.re);
+            extinctions.push(index.im);
             optical_depths.push(4.0 * std::f64::consts::PI * index.im * layer.thickness / wavelength);
             Ok(())
         };
         for (i, (field, layer)) in stack.expanded().iter().enumerate() {
             push(&field.replace("{i}", &i.to_string()), layer)?;
         }
-        indices.push(index("stack.substrate", &stack.substrate.material())?.re);
+        let substrate = index("stack.substrate", &stack.substrate.material())?;
+        indices.push(substrate.re);
+        extinctions.push(substrate.im);
+        if extinctions.iter().all(|k| *k == 0.0) {
+            extinctions.clear();
+        }
         Ok(Transport {
             indices,
+            extinctions,
             optical_depths,
             facets: Facets { slope_sd: self.facets.slope_sd_deg.to_radians(), normals: self.facets.normals },
             light: transport::Light::Unpolarised,
@@ -549,8 +568,15 @@ impl Recipe {
         let mut indices = vec![ambient];
         indices.resize(count + 1, aragonite);
         indices.push(substrate);
+        let mut extinctions = Vec::new();
+        if whole.has_complex_faces() {
+            extinctions.push(0.0);
+            extinctions.resize(count + 1, whole.index(1).im);
+            extinctions.push(whole.index(layers + 1).im);
+        }
         Ok(Transport {
             indices,
+            extinctions,
             optical_depths: vec![whole.optical_depths[0]; count],
             sheets: Some(Sheets {
                 index: conchiolin,

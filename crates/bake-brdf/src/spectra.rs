@@ -205,7 +205,7 @@ fn walked(recipe: &Recipe, wanted: Wanted, wavelength: f64) -> Result<Transport,
         recipe.transport(wavelength)
     }?;
     if !wanted.absorption {
-        transport.optical_depths.fill(0.0);
+        transport.make_clear();
     }
     if wanted.polarisation {
         transport.light = Light::Tracked;
@@ -540,13 +540,14 @@ fn shortened(mut stack: Stack, most: usize) -> Stack {
 
 /// R_incoherent: the walk with flat interfaces, in the walk's light and at its sheets.
 pub(crate) fn incoherent_reflectance(transport: &Transport, theta: f64) -> f64 {
-    let Transport { indices, optical_depths, sheets, .. } = transport;
+    let Transport { optical_depths, sheets, .. } = transport;
+    let indices: Vec<_> = (0..transport.indices.len()).map(|medium| transport.index(medium)).collect();
     let sheet = |interface: usize, cosine: f64| {
         let sheets = sheets.filter(|sheets| (1..=sheets.last).contains(&interface))?;
-        Some(sheets.reflectance(indices[interface], cosine))
+        Some(sheets.reflectance(indices[interface].re, cosine))
     };
     let of =
-        |share_of_s| intensity::incoherent(indices, optical_depths, theta, share_of_s, sheet).reflectance;
+        |share_of_s| intensity::incoherent(&indices, optical_depths, theta, share_of_s, sheet).reflectance;
     let reflectance = match transport.light {
         Light::Unpolarised => of(0.5),
         Light::Tracked => 0.5 * (of(1.0) + of(0.0)),

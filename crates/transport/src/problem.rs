@@ -1,5 +1,8 @@
 //! The transport problem both solvers answer: one stack of interfaces, at one wavelength.
 
+use num_complex::Complex64;
+use thinfilm::intensity::fresnel_complex;
+
 /// Whether facet tilts stay in the plane of incidence (the paper) or not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Geometry {
@@ -40,6 +43,46 @@ pub enum Light {
     S,
     /// p, in the plane of incidence (plane only).
     P,
+}
+
+/// An interface as light from the first of two media meets it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Face {
+    /// n₁/n₂ of the real indices.
+    pub(crate) eta: f64,
+    /// Both indices, where one of them is complex.
+    complex: Option<[Complex64; 2]>,
+}
+
+impl Face {
+    pub(crate) fn new(first: Complex64, second: Complex64) -> Self {
+        let is_complex = first.im != 0.0 || second.im != 0.0;
+        Self { eta: first.re / second.re, complex: is_complex.then_some([first, second]) }
+    }
+
+    /// Reflectance at a cosine of the angle of incidence, and the cosine of the angle of refraction, 0 past the critical angle. What is
+    /// not reflected there is absorbed ([`fresnel_complex`]).
+    pub(crate) fn meet(&self, cos_i: f64, light: Light) -> (f64, f64) {
+        let eta = self.eta;
+        // 1 − η²(1 − c²) = (1 − η)(1 + η) + η²c² keeps its digits when η → 1.
+        let squared = (1.0 - eta) * (1.0 + eta) + eta * eta * cos_i * cos_i;
+        let cos_t = squared.max(0.0).sqrt();
+        let (s, p) = match self.complex {
+            Some([first, second]) => fresnel_complex(first, cos_i, second),
+            None if cos_t == 0.0 => (1.0, 1.0),
+            None => {
+                let s = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
+                let p = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
+                (s * s, p * p)
+            }
+        };
+        let reflectance = match light {
+            Light::S => s,
+            Light::P => p,
+            Light::Unpolarised | Light::Tracked => 0.5 * (s + p),
+        };
+        (reflectance, cos_t)
+    }
 }
 
 /// Thin sheets in place of interfaces: each reflects as a coherent film and lets the rest pass undeviated.
@@ -85,8 +128,10 @@ impl Sheets {
 /// between media i and i + 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transport {
-    /// Real indices of media 0…L + 1 (length L + 2).
+    /// Real indices of media 0…L + 1 (length L + 2): they give the directions of rays.
     pub indices: Vec<f64>,
+    /// Extinction coefficients k of the same media, or none where all are clear: with the indices they give what faces reflect.
+    pub extinctions: Vec<f64>,
     /// Absorption optical depth 4πk·d/λ of each layer for a perpendicular crossing (length L, ≥ 0).
     pub optical_depths: Vec<f64>,
     /// Facet statistics, the same at every interface.
@@ -104,10 +149,28 @@ impl Transport {
         self.optical_depths.len()
     }
 
-    /// Whether any layer absorbs.
+    /// Whether any layer, or any face, absorbs.
     #[must_use]
     pub fn absorbs(&self) -> bool {
-        self.optical_depths.iter().any(|&depth| depth > 0.0)
+        self.optical_depths.iter().any(|&depth| depth > 0.0) || self.has_complex_faces()
+    }
+
+    /// Whether any index is complex.
+    #[must_use]
+    pub fn has_complex_faces(&self) -> bool {
+        self.extinctions.iter().any(|&k| k != 0.0)
+    }
+
+    /// n + ik of a medium.
+    #[must_use]
+    pub fn index(&self, medium: usize) -> Complex64 {
+        Complex64::new(self.indices[medium], self.extinctions.get(medium).copied().unwrap_or(0.0))
+    }
+
+    /// Takes all absorption away.
+    pub fn make_clear(&mut self) {
+        self.optical_depths.fill(0.0);
+        self.extinctions.clear();
     }
 
     /// The same stack seen from the substrate.
@@ -115,6 +178,7 @@ impl Transport {
     pub fn upside_down(&self) -> Self {
         let mut turned = self.clone();
         turned.indices.reverse();
+        turned.extinctions.reverse();
         turned.optical_depths.reverse();
         turned
     }
@@ -127,6 +191,7 @@ impl Transport {
         indices.push(substrate);
         Self {
             indices,
+            extinctions: Vec::new(),
             optical_depths: vec![0.0; layers],
             facets: Facets { slope_sd, normals: Normals::Unweighted },
             light: Light::Unpolarised,

@@ -13,7 +13,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF as _};
 use transport::doubling::{Solution, solve_to};
 use transport::walk::lanes::{Precision, Walker};
 use transport::walk::{Exit, Fate};
-use transport::{Geometry, Normals, Transport};
+use transport::{Facets, Geometry, Normals, Transport};
 
 /// Level of both tests: a right program fails one of them with a probability of 2e-3 a seed.
 const SIGNIFICANCE: f64 = 1e-3;
@@ -238,6 +238,21 @@ fn hard_settings_are_solved_as_they_are_walked() {
     let d = f64::to_radians;
     let mut dark = Transport::alternating(5, 1.53, 1.43, 1.53, d(4.0));
     dark.optical_depths = vec![10.0, 3.0, 10.0, 0.0, 1e3];
+    let facets = Facets { slope_sd: d(4.0), normals: Normals::Unweighted };
+    let metal = Transport {
+        indices: vec![1.0, 1.6, 1.4, 0.6],
+        extinctions: vec![0.0, 0.0, 0.02, 6.7],
+        optical_depths: vec![0.0, 0.05],
+        facets,
+        ..Transport::paper()
+    };
+    let pigments = Transport {
+        indices: vec![1.3, 1.7, 1.2, 1.7, 1.2, 1.9],
+        extinctions: vec![0.0, 0.01, 0.2, 0.01, 0.2, 3.4],
+        optical_depths: vec![0.02, 0.1, 0.02, 0.1],
+        facets: Facets { slope_sd: d(8.0), normals: Normals::Visible },
+        ..Transport::paper()
+    };
     let mut narrow = Transport::alternating(8, 1.53, 1.43, 1.53, d(1.0));
     narrow.optical_depths[3] = 0.01;
     for (name, transport, paths) in [
@@ -247,6 +262,8 @@ fn hard_settings_are_solved_as_they_are_walked() {
         ("slopes of 1 degree, not periodic", narrow, 60_000),
         ("contrast of 1e-6", Transport::alternating(100, 1.53, 1.529_999, 1.53, d(4.0)), 20_000),
         ("black layers", dark, 60_000),
+        ("on a metal", metal, 60_000),
+        ("pigments on carbon, visible normals", pigments, 60_000),
     ] {
         for geometry in [Geometry::Plane, Geometry::Space] {
             let theta_i = [0.0, d(60.0), d(89.0), d(89.99)];

@@ -110,6 +110,26 @@ fn stacks() -> Vec<(&'static str, Transport)> {
             },
         ),
         (
+            "on a metal",
+            Transport {
+                indices: vec![1.0, 1.6, 1.4, 0.6],
+                extinctions: vec![0.0, 0.0, 0.02, 6.7],
+                optical_depths: vec![0.0, 0.05],
+                facets: Facets { slope_sd: degrees(4.0), normals: Normals::Unweighted },
+                ..Transport::paper()
+            },
+        ),
+        (
+            "dark layers, visible",
+            Transport {
+                indices: vec![1.3, 1.6, 1.2, 1.6, 1.2, 1.9],
+                extinctions: vec![0.0, 0.01, 0.2, 0.01, 0.2, 3.4],
+                optical_depths: vec![0.02, 0.1, 0.02, 0.1],
+                facets: Facets { slope_sd: degrees(12.0), normals: Normals::Visible },
+                ..Transport::paper()
+            },
+        ),
+        (
             "explicit, visible",
             Transport {
                 indices: vec![1.33, 1.6, 1.6, 1.4, 1.8],
@@ -303,6 +323,22 @@ fn a_flat_face_reflects_everything_past_the_critical_angle_and_at_90_degrees() {
                 "{theta_deg} degrees"
             );
         }
+    }
+}
+
+#[test]
+fn a_path_meets_no_more_facets_than_the_cap() {
+    // Eleven interfaces.
+    let stack = Transport::alternating(10, 1.6, 1.3, 1.0, 0.09);
+    for geometry in GEOMETRIES {
+        for (cap, passes) in [(9, false), (10, false), (11, true)] {
+            let (exits, _) = walk_as(&stack, geometry, (Precision::Auto, None), 60.0, 0..20_000, cap);
+            let any = exits.iter().any(|exit| exit.fate == Fate::Transmitted);
+            assert_eq!(any, passes, "{geometry:?}, {cap}");
+        }
+        let (exits, _) = walk_as(&stack, geometry, (Precision::Auto, None), 60.0, 0..20_000, 1);
+        let single_or_cut = |exit: &Exit| matches!(exit.fate, Fate::Single | Fate::Truncated);
+        assert!(exits.iter().all(single_or_cut), "{geometry:?}");
     }
 }
 

@@ -302,6 +302,7 @@ fn crossing_weight(request: &Request, transport: &Transport) -> f64 {
     factor(request.options.precision.resolve(transport) == Precision::F64, prices::DOUBLE_PRECISION)
         * factor(transport.facets.normals == Normals::Visible, prices::VISIBLE)
         * factor(transport.absorbs(), prices::ABSORBING)
+        * factor(transport.has_complex_faces(), prices::COMPLEX)
 }
 
 #[cfg(test)]

@@ -96,13 +96,14 @@ impl Request {
             transport.light = Light::Tracked;
         }
         if !has(Effect::Absorption) {
-            transport.optical_depths.fill(0.0);
+            transport.make_clear();
         }
         if !has(Effect::Blur) {
             // The surface alone: what passes it goes on into more of the same, where nothing reflects.
             let [ambient, first] = [transport.indices[0], transport.indices[1]];
             transport.indices = vec![ambient, first, first];
             transport.optical_depths = vec![0.0];
+            transport.extinctions.clear();
         }
         Ok(transport)
     }

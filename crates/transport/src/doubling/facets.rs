@@ -1,6 +1,6 @@
 //! What one interface does to one ray: the integral over facets as a list of weighted outcomes.
 //!
-//! A ray travels along d = (sin θ, 0, −cos θ) in medium 1 towards the interface with medium 2; η = n₁/n₂. A facet
+//! A ray travels along d = (sin θ, 0, −cos θ) in medium 1 towards the interface with medium 2; η = n₁/n₂ of the real indices. A facet
 //! of slopes (x, q) has the normal m ∝ (x, q, 1) and a = cos θ − x sin θ ∝ −d·m > 0 when it faces the ray. The
 //! integral runs along lines in the slope plane (rows x ∈ ℝ at fixed q, or rays from a pole), split where the
 //! integrand has a break: the facing limit, the horizon of the reflected and of the refracted ray, and the
@@ -10,6 +10,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::grid::{LARGEST_SEGMENT_RULE, segment_rule};
 use super::surface::steepest_visible_tilt;
+use crate::problem::Face;
 use crate::{Facets, Light, Normals};
 
 /// Where light goes at an event, seen from the side that it came from.
@@ -98,8 +99,8 @@ pub(super) struct Sampling {
 /// One side of one interface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Interface {
-    /// n₁/n₂, n₁ being the medium the ray is in.
-    pub(super) eta: f64,
+    /// The medium the ray is in comes first.
+    pub(super) face: Face,
     pub(super) facets: Facets,
     pub(super) light: Light,
     pub(super) sampling: Sampling,
@@ -107,24 +108,6 @@ pub(super) struct Interface {
 
 /// Points at which a segment's oscillation is measured.
 const PROBES: i32 = 6;
-
-/// Fresnel reflectance and cos of the refraction angle; (1, 0) past the critical angle.
-pub(super) fn fresnel(eta: f64, cos_i: f64, light: Light) -> (f64, f64) {
-    // 1 − η²(1 − c²) = (1 − η)(1 + η) + η²c² keeps its digits when η → 1.
-    let squared = (1.0 - eta) * (1.0 + eta) + eta * eta * cos_i * cos_i;
-    if squared <= 0.0 {
-        return (1.0, 0.0);
-    }
-    let cos_t = squared.sqrt();
-    let s = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
-    let p = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
-    let reflectance = match light {
-        Light::S => s * s,
-        Light::P => p * p,
-        Light::Unpolarised | Light::Tracked => 0.5 * (s * s + p * p),
-    };
-    (reflectance, cos_t)
-}
 
 /// γ of the Legendre argument t = cos γ, the angle in which polynomials of degree n oscillate n times.
 fn legendre_angle(t: f64) -> f64 {
@@ -267,11 +250,11 @@ impl Interface {
         let (s, c) = theta.sin_cos();
         let x = match part {
             Part::RefractedOnly => {
-                let g = self.eta * c - 1.0;
-                if g == 0.0 || (g > 0.0) != (self.eta > 1.0) {
+                let g = self.face.eta * c - 1.0;
+                if g == 0.0 || (g > 0.0) != (self.face.eta > 1.0) {
                     return None;
                 }
-                -self.eta * s / g
+                -self.face.eta * s / g
             }
             _ => -(0.5 * theta).tan(),
         };
@@ -331,12 +314,12 @@ impl Interface {
         let reflected = [s + twice * x, twice * q, twice - c];
         let inverse = 1.0 / square.sqrt();
         let cos_i = a * inverse;
-        let (fresnel, cos_t) = fresnel(self.eta, cos_i, self.light);
+        let (fresnel, cos_t) = self.face.meet(cos_i, self.light);
         if cos_t == 0.0 {
-            return (reflected, None, 1.0);
+            return (reflected, None, fresnel);
         }
-        let g = (self.eta * cos_i - cos_t) * inverse;
-        (reflected, Some([self.eta * s + g * x, g * q, g - self.eta * c]), fresnel)
+        let g = (self.face.eta * cos_i - cos_t) * inverse;
+        (reflected, Some([self.face.eta * s + g * x, g * q, g - self.face.eta * c]), fresnel)
     }
 
     /// Adds one line. `measure` is the width of the line (rows) or of its sector (rays, times r).
@@ -414,9 +397,9 @@ impl Interface {
         let horizon = roots(c, 2.0 * (c * along + s * dx), c * (square - 1.0) + 2.0 * s * bx).0;
         let mut at = horizon.to_vec();
         let mut critical = [f64::NAN; 2];
-        if self.eta > 1.0 {
+        if self.face.eta > 1.0 {
             // Critical angle: a² = cos²θ_c (1 + x² + q²).
-            let cos_critical = 1.0 - 1.0 / (self.eta * self.eta);
+            let cos_critical = 1.0 - 1.0 / (self.face.eta * self.face.eta);
             let a = c - s * bx;
             let (pair, real) = roots(
                 s * s * dx * dx - cos_critical,
@@ -428,7 +411,7 @@ impl Interface {
             }
             at.extend(pair);
             // Refracted along the horizon: η²c²(1 + x² + q²) − 2η²c·a − (1 − η²) = 0.
-            let e = self.eta * self.eta;
+            let e = self.face.eta * self.face.eta;
             let horizon = roots(
                 e * c * c,
                 2.0 * e * c * (c * along + s * dx),
@@ -479,19 +462,19 @@ impl Interface {
         let (lo, hi) = ((-FRAC_PI_2 - theta).max(-reach), (FRAC_PI_2 - theta).min(reach));
         let mut at = vec![0.5 * (FRAC_PI_2 - theta), 0.5 * (-FRAC_PI_2 - theta)];
         let mut critical = [f64::NAN; 2];
-        if self.eta > 1.0 {
-            let angle = (1.0 / self.eta).asin();
+        if self.face.eta > 1.0 {
+            let angle = (1.0 / self.face.eta).asin();
             critical = [angle - theta, -angle - theta];
             at.extend(critical);
         }
         // Refracted along the horizon: t − α = ±π/2, so sin t = ±cos α = η sin(θ + α).
         for sign in [1.0, -1.0] {
-            let alpha = ((sign / self.eta - theta.sin()) / theta.cos()).atan();
+            let alpha = ((sign / self.face.eta - theta.sin()) / theta.cos()).atan();
             at.extend([alpha, alpha - PI, alpha + PI]);
         }
         at.retain(|alpha| *alpha > lo && *alpha < hi);
         at.sort_by(f64::total_cmp);
-        let refracts = |alpha: f64| self.eta * (theta + alpha).sin().abs() < 1.0;
+        let refracts = |alpha: f64| self.face.eta * (theta + alpha).sin().abs() < 1.0;
         Breaks { at, critical }.segments(lo, hi, refracts, |from, to, chart| {
             let mut turn = 0.0;
             let mut last = chart.at(1e-4).0;
@@ -509,7 +492,7 @@ impl Interface {
     /// How far the Legendre angle γ of the reflected or the refracted ray turns between two tilts.
     fn tilt_turn(&self, theta: f64, from: f64, to: f64) -> f64 {
         let gamma = |angle: f64| legendre_angle(angle.sin().asin() / FRAC_PI_2);
-        let refraction = |alpha: f64| (self.eta * (theta + alpha).sin()).clamp(-1.0, 1.0).asin() - alpha;
+        let refraction = |alpha: f64| (self.face.eta * (theta + alpha).sin()).clamp(-1.0, 1.0).asin() - alpha;
         let reflected = gamma(theta + 2.0 * from) - gamma(theta + 2.0 * to);
         let refracted = gamma(refraction(from)) - gamma(refraction(to));
         reflected.abs().max(refracted.abs())
@@ -526,7 +509,7 @@ impl Interface {
             weight *= cos_i / alpha.cos();
         }
         events.total += weight;
-        let (fresnel, cos_t) = fresnel(self.eta, cos_i, self.light);
+        let (fresnel, cos_t) = self.face.meet(cos_i, self.light);
         let mut push = |away: Fate, back: Fate, weight: f64, angle: f64| {
             let (fate, angle) = if angle > FRAC_PI_2 {
                 (back, PI - angle)
@@ -539,7 +522,7 @@ impl Interface {
         };
         push(Fate::Reflected, Fate::ReflectedBack, weight * fresnel, theta + 2.0 * alpha);
         if cos_t > 0.0 {
-            let refraction = (self.eta * (theta + alpha).sin()).atan2(cos_t);
+            let refraction = (self.face.eta * (theta + alpha).sin()).atan2(cos_t);
             push(Fate::Refracted, Fate::RefractedBack, weight * (1.0 - fresnel), refraction - alpha);
         }
     }

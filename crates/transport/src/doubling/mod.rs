@@ -23,6 +23,7 @@ mod surface;
 
 use std::collections::HashMap;
 
+use num_complex::Complex64;
 use rayon::prelude::*;
 
 pub use self::matrix::Matrix;
@@ -37,6 +38,7 @@ use self::kernel::{Column, columns};
 use self::solution::ModeResult;
 use self::stack::{Element, Run, elements, runs};
 use self::star::{Mirror, Resolved, Resolvent, Slab};
+use crate::problem::Face;
 use crate::{Geometry, Light, Transport};
 
 /// Resolutions that [`solve_to`] tries, and of the light from below, whose accuracy is not promised.
@@ -45,15 +47,22 @@ const ATTEMPTS_BELOW: usize = 3;
 
 /// Columns of one interface at the grid's nodes: from the side of the medium named first, and from the other.
 struct Sides {
-    first: f64,
+    first: Complex64,
     near: Vec<Column>,
     far: Vec<Column>,
 }
 
+/// The bits of an index.
+type Bits = (u64, u64);
+
+fn bits(index: Complex64) -> Bits {
+    (index.re.to_bits(), index.im.to_bits())
+}
+
 /// One interface's key: its two indices, the smaller first.
-fn key(a: f64, b: f64) -> (u64, u64) {
-    let (low, high) = if a <= b { (a, b) } else { (b, a) };
-    (low.to_bits(), high.to_bits())
+fn key(a: Complex64, b: Complex64) -> (Bits, Bits) {
+    let (a, b) = (bits(a), bits(b));
+    (a.min(b), a.max(b))
 }
 
 /// Solves `transport` for each incidence `theta_i` (radians, in \[0, π/2\]), and, with [`Settings::both_sides`], for light
@@ -133,7 +142,7 @@ struct Plan {
     grid: Grid,
     elements: Vec<Element>,
     runs: Vec<Run>,
-    sides: HashMap<(u64, u64), Sides>,
+    sides: HashMap<(Bits, Bits), Sides>,
 }
 
 impl Plan {
@@ -162,13 +171,14 @@ impl Plan {
             sides: HashMap::new(),
         };
         let modes = settings.modes_in(geometry);
-        let top = (transport.indices[0], transport.indices[1]);
+        let top = (transport.index(0), transport.index(1));
         let cells = plan.runs.iter().flat_map(|run| &plan.elements[run.start..run.start + run.period]);
-        let pairs: Vec<(f64, f64)> = std::iter::once(top).chain(cells.map(|e| (e.above, e.below))).collect();
+        let pairs: Vec<(Complex64, Complex64)> =
+            std::iter::once(top).chain(cells.map(|e| (e.above, e.below))).collect();
         for (above, below) in pairs {
             let known = plan.sides.contains_key(&key(above, below));
-            if !known && (above.to_bits() != below.to_bits() || (above, below) == top) {
-                let side = |from: f64, to: f64| {
+            if !known && (above != below || (above, below) == top) {
+                let side = |from: Complex64, to: Complex64| {
                     columns(&plan.interface(from, to), &plan.grid, modes, &plan.grid.theta)
                 };
                 let sides = Sides { first: above, near: side(above, below), far: side(below, above) };
@@ -178,28 +188,28 @@ impl Plan {
         Ok(plan)
     }
 
-    fn interface(&self, from: f64, to: f64) -> Interface {
+    fn interface(&self, from: Complex64, to: Complex64) -> Interface {
         let Transport { facets, light, .. } = self.transport;
-        Interface { eta: from / to, facets, light, sampling: self.settings.sampling(&self.grid) }
+        Interface { face: Face::new(from, to), facets, light, sampling: self.settings.sampling(&self.grid) }
     }
 
     /// Light that arrives at these incidences, as it leaves the first facet.
     fn incident(&self, theta_i: &[f64]) -> Vec<Column> {
-        let [ambient, first] = [self.transport.indices[0], self.transport.indices[1]];
+        let [ambient, first] = [self.transport.index(0), self.transport.index(1)];
         let modes = self.settings.modes_in(self.grid.geometry);
         columns(&self.interface(ambient, first), &self.grid, modes, theta_i)
     }
 
     /// One mode of the whole stack.
     fn mode(&self, mode: usize) -> Mode {
-        let top = self.resolved(self.transport.indices[0], self.transport.indices[1], mode);
+        let top = self.resolved(self.transport.index(0), self.transport.index(1), mode);
         let Slab { r_below, t_below, .. } = top.slab();
         let Slab { r: body_r, t: body_t, .. } = self.body(mode);
         let between = Resolvent::new(r_below.times(&body_r));
         Mode { top, t_below, body_r, body_t, between }
     }
 
-    fn resolved(&self, above: f64, below: f64, mode: usize) -> Resolved {
+    fn resolved(&self, above: Complex64, below: Complex64, mode: usize) -> Resolved {
         let sides = &self.sides[&key(above, below)];
         if sides.first == above {
             Resolved::new(&sides.near, &sides.far, mode)
@@ -215,7 +225,7 @@ impl Plan {
 
     /// The layers and interfaces below interface 0 in one mode.
     fn body(&self, mode: usize) -> Slab {
-        let mut interfaces: HashMap<(u64, u64), Slab> = HashMap::new();
+        let mut interfaces: HashMap<(Bits, Bits), Slab> = HashMap::new();
         let mut body: Option<Slab> = None;
         for run in self.runs.iter().rev() {
             let top = self.run(run, mode, &mut interfaces);
@@ -229,15 +239,15 @@ impl Plan {
 
     fn interface_slab(
         &self,
-        above: f64,
-        below: f64,
+        above: Complex64,
+        below: Complex64,
         mode: usize,
-        known: &mut HashMap<(u64, u64), Slab>,
+        known: &mut HashMap<(Bits, Bits), Slab>,
     ) -> Slab {
-        if above.to_bits() == below.to_bits() {
+        if above == below {
             return Slab::nothing(self.grid.len()); // no index step: facets change nothing
         }
-        let id = (above.to_bits(), below.to_bits());
+        let id = (bits(above), bits(below));
         if let Some(slab) = known.get(&id) {
             return slab.clone();
         }
@@ -247,7 +257,7 @@ impl Plan {
         slab
     }
 
-    fn element(&self, element: &Element, mode: usize, known: &mut HashMap<(u64, u64), Slab>) -> Slab {
+    fn element(&self, element: &Element, mode: usize, known: &mut HashMap<(Bits, Bits), Slab>) -> Slab {
         let slab = self.interface_slab(element.above, element.below, mode, known);
         match self.keep(element.depth) {
             Some(keep) => slab.attenuated_above(&keep),
@@ -255,7 +265,7 @@ impl Plan {
         }
     }
 
-    fn run(&self, run: &Run, mode: usize, known: &mut HashMap<(u64, u64), Slab>) -> Slab {
+    fn run(&self, run: &Run, mode: usize, known: &mut HashMap<(Bits, Bits), Slab>) -> Slab {
         let cell = &self.elements[run.start..run.start + run.period];
         if run.period == 2 && run.count > 1 {
             return self.pairs(cell[0], cell[1], run.count, mode, known);
@@ -276,7 +286,7 @@ impl Plan {
         c: Element,
         count: usize,
         mode: usize,
-        known: &mut HashMap<(u64, u64), Slab>,
+        known: &mut HashMap<(Bits, Bits), Slab>,
     ) -> Slab {
         let upper = self.interface_slab(a.above, a.below, mode, known);
         let lower = self.element(&c, mode, known);
@@ -467,6 +477,6 @@ mod tests {
     /// Mode 0 of all interfaces, joined.
     fn whole_slab(transport: &Transport, geometry: Geometry, settings: &Settings) -> Slab {
         let plan = Plan::new(transport, geometry, settings).unwrap();
-        plan.resolved(transport.indices[0], transport.indices[1], 0).slab().above(&plan.body(0))
+        plan.resolved(transport.index(0), transport.index(1), 0).slab().above(&plan.body(0))
     }
 }

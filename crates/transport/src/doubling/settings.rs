@@ -324,6 +324,11 @@ pub(super) fn check_stack(transport: &Transport, theta_i: &[f64]) -> Result<(), 
     for &index in &transport.indices {
         domain("index", index, index.is_finite() && index > 0.0, "finite and > 0")?;
     }
+    let clear_or_each = [0, transport.indices.len()].contains(&transport.extinctions.len());
+    domain("extinctions", transport.extinctions.len() as f64, clear_or_each, "none, or one for each index")?;
+    for &k in &transport.extinctions {
+        domain("extinction", k, k.is_finite() && k >= 0.0, "finite and ≥ 0")?;
+    }
     for &depth in &transport.optical_depths {
         domain("optical_depth", depth, depth >= 0.0, "≥ 0")?;
     }

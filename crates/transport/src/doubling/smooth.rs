@@ -2,6 +2,7 @@
 
 use super::settings::{DoublingError, check_stack};
 use super::solution::Lobe;
+use crate::problem::Face;
 use crate::{Light, Transport};
 
 /// What a stack of smooth interfaces does to light of each incidence `theta_i` (radians): exact, whatever the facets of
@@ -31,7 +32,7 @@ fn lobe(transport: &Transport, theta_i: f64) -> Lobe {
         albedo,
         transmitted,
         absorbed: if transport.absorbs() { 1.0 - albedo - transmitted } else { 0.0 },
-        surface: faces.reflectance(0),
+        surface: faces.reflectance(0).0,
         rehit: 0.0,
         mean: theta_i,
         sd: 0.0,
@@ -39,11 +40,11 @@ fn lobe(transport: &Transport, theta_i: f64) -> Lobe {
     }
 }
 
-/// Cosines of one ray in every medium (0 past a critical angle), and the indices.
+/// One ray in a stack.
 struct Faces<'a> {
-    indices: &'a [f64],
+    transport: &'a Transport,
+    /// Its cosine in every medium, 0 past a critical angle.
     cosines: Vec<f64>,
-    light: Light,
 }
 
 impl<'a> Faces<'a> {
@@ -58,30 +59,41 @@ impl<'a> Faces<'a> {
                 ((1.0 - ratio) * (1.0 + ratio) + (ratio * cosine).powi(2)).max(0.0).sqrt()
             })
             .collect();
-        Self { indices, cosines, light: transport.light }
+        Self { transport, cosines }
     }
 
-    /// Fresnel reflectance of interface `i` for the problem's light; the same from both sides.
-    fn reflectance(&self, i: usize) -> f64 {
-        let (n1, n2) = (self.indices[i], self.indices[i + 1]);
+    /// Fresnel reflectance of interface `i` for the problem's light, and what goes on; the same from both sides where light travels on
+    /// both.
+    fn reflectance(&self, i: usize) -> (f64, f64) {
+        let (first, second) = (self.transport.index(i), self.transport.index(i + 1));
         let (c1, c2) = (self.cosines[i], self.cosines[i + 1]);
-        if n1.to_bits() == n2.to_bits() {
-            return 0.0;
+        if first == second {
+            return (0.0, 1.0);
         }
-        if c1 == 0.0 || c2 == 0.0 {
-            return 1.0; // grazing or total
+        if c1 == 0.0 {
+            return (1.0, 0.0); // grazing, or nothing arrives
         }
-        let s = (n1 * c1 - n2 * c2) / (n1 * c1 + n2 * c2);
-        let p = (n2 * c1 - n1 * c2) / (n2 * c1 + n1 * c2);
-        match self.light {
-            Light::S => s * s,
-            Light::P => p * p,
-            Light::Unpolarised | Light::Tracked => 0.5 * (s * s + p * p),
+        if first.im == 0.0 && second.im == 0.0 {
+            if c2 == 0.0 {
+                return (1.0, 0.0); // total
+            }
+            // From cosines of the incident ray: no error adds up from face to face.
+            let (n1, n2) = (first.re, second.re);
+            let s = (n1 * c1 - n2 * c2) / (n1 * c1 + n2 * c2);
+            let p = (n2 * c1 - n1 * c2) / (n2 * c1 + n1 * c2);
+            let r = match self.transport.light {
+                Light::S => s * s,
+                Light::P => p * p,
+                Light::Unpolarised | Light::Tracked => 0.5 * (s * s + p * p),
+            };
+            return (r, 1.0 - r);
         }
+        let (r, _) = Face::new(first, second).meet(c1, self.transport.light);
+        (r, if c2 == 0.0 { 0.0 } else { 1.0 - r })
     }
 
     fn count(&self) -> usize {
-        self.indices.len() - 1
+        self.cosines.len() - 1
     }
 }
 
@@ -90,8 +102,8 @@ impl<'a> Faces<'a> {
 fn pile_of_plates(faces: &Faces<'_>) -> (f64, f64) {
     let ratio: f64 = (0..faces.count())
         .map(|i| {
-            let r = faces.reflectance(i);
-            r / (1.0 - r)
+            let (r, t) = faces.reflectance(i);
+            r / t
         })
         .sum();
     if ratio.is_infinite() {
@@ -110,8 +122,7 @@ fn added(transport: &Transport, faces: &Faces<'_>) -> (f64, f64) {
             through *= keep;
             below *= keep * keep;
         }
-        let r = faces.reflectance(i);
-        let t = 1.0 - r;
+        let (r, t) = faces.reflectance(i);
         let round = 1.0 - r * below;
         if t == 0.0 || round <= 0.0 {
             (below, through) = (r, 0.0);

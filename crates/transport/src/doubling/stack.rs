@@ -1,5 +1,7 @@
 //! The interfaces below interface 0 as a short program: periodic runs to double, the rest to add one by one.
 
+use num_complex::Complex64;
+
 use crate::Transport;
 
 /// Longest period that is looked for.
@@ -9,9 +11,9 @@ const LONGEST_PERIOD: usize = 32;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Element {
     /// Index of the layer.
-    pub(super) above: f64,
+    pub(super) above: Complex64,
     /// Index of the medium under it.
-    pub(super) below: f64,
+    pub(super) below: Complex64,
     /// Optical depth of the layer.
     pub(super) depth: f64,
 }
@@ -37,8 +39,8 @@ pub(super) fn elements(transport: &Transport) -> Vec<Element> {
     transport
         .optical_depths
         .iter()
-        .zip(transport.indices[1..].windows(2))
-        .map(|(&depth, pair)| Element { above: pair[0], below: pair[1], depth })
+        .enumerate()
+        .map(|(at, &depth)| Element { above: transport.index(at + 1), below: transport.index(at + 2), depth })
         .collect()
 }
 

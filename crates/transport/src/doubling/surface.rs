@@ -2,8 +2,8 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use super::facets::fresnel;
 use super::grid::segment_rule;
+use crate::problem::Face;
 use crate::{Facets, Geometry, Light, Normals, Transport};
 
 /// Facet tilts that the plane's visible normals may have, at most: MODEL §3 as the walk draws them.
@@ -20,7 +20,7 @@ pub struct SingleReflection {
     geometry: Geometry,
     facets: Facets,
     light: Light,
-    eta: f64,
+    face: Face,
     sine: f64,
     cosine: f64,
     theta_i: f64,
@@ -37,7 +37,7 @@ impl SingleReflection {
             geometry,
             facets,
             light: transport.light,
-            eta: transport.indices[0] / transport.indices[1],
+            face: Face::new(transport.index(0), transport.index(1)),
             sine,
             cosine,
             theta_i,
@@ -100,7 +100,7 @@ impl SingleReflection {
             return 0.0;
         }
         let weight = (-0.5 * (alpha / sigma).powi(2)).exp() * self.visibility(alpha);
-        0.5 * weight * fresnel(self.eta, cos_i, self.light).0 * self.norm
+        0.5 * weight * self.face.meet(cos_i, self.light).0 * self.norm
     }
 
     /// Standard deviation of φ at the exit angle θo (space), radians, to first order in the slope across the plane of incidence: at
@@ -135,7 +135,7 @@ impl SingleReflection {
         let cosine_cubed = z * z * z / (square * square.sqrt());
         let weight = (-0.5 * (slope_x * slope_x + slope_y * slope_y) / (sigma * sigma)).exp()
             * self.visibility(slope_x);
-        weight * fresnel(self.eta, cos_i, self.light).0 * self.norm / (4.0 * cos_i * cosine_cubed)
+        weight * self.face.meet(cos_i, self.light).0 * self.norm / (4.0 * cos_i * cosine_cubed)
     }
 }
 

@@ -15,7 +15,7 @@ use std::ops::Range;
 
 use self::draws::{Normal, Stream, TILT_REACH};
 use self::drive::Job;
-use self::event::{CROSSING, Constants, Film, Problem};
+use self::event::{CROSSING, ComplexFace, Constants, Film, Problem};
 use self::kernel::{Layers, MIDDLE, Modes, SMALL, Shape, Sweep, WIDE};
 use self::real::Real;
 pub use self::simd::SimdLevel;
@@ -42,14 +42,15 @@ const F32_SLOPE_MIN: f64 = 3.5e-4;
 const F32_CONTRAST_MIN: f64 = 1e-3;
 
 impl Precision {
-    /// F32 or F64 for a stack: F64 if 0.02° > σ or if an interface has an index contrast in (0, 10⁻³).
+    /// F32 or F64 for a stack: F64 if 0.02° > σ, if an interface has an index contrast in (0, 10⁻³) or if an index is complex.
     #[must_use]
     pub fn resolve(self, transport: &Transport) -> Self {
         if self != Self::Auto {
             return self;
         }
         let faint = |pair: &[f64]| pair[0] != pair[1] && (pair[0] / pair[1] - 1.0).abs() < F32_CONTRAST_MIN;
-        if transport.facets.slope_sd < F32_SLOPE_MIN || transport.indices.windows(2).any(faint) {
+        let fine = transport.facets.slope_sd < F32_SLOPE_MIN || transport.indices.windows(2).any(faint);
+        if fine || transport.has_complex_faces() {
             return Self::F64;
         }
         Self::F32
@@ -76,6 +77,14 @@ pub enum WalkError {
         /// Which medium.
         medium: usize,
         /// Its index.
+        value: f64,
+    },
+    /// An extinction coefficient that is negative or not a number.
+    #[error("extinction coefficient of medium {medium} is {value}: it must be finite and not negative")]
+    Extinction {
+        /// Which medium.
+        medium: usize,
+        /// Its extinction coefficient.
         value: f64,
     },
     /// A negative or undefined optical depth.
@@ -149,7 +158,8 @@ impl Walker {
             return Err(WalkError::TrackedInSpace);
         }
         let sheets = transport.sheets.is_some();
-        let precision = if sheets { Precision::F64 } else { precision.resolve(transport) };
+        let complex = transport.has_complex_faces();
+        let precision = if sheets || complex { Precision::F64 } else { precision.resolve(transport) };
         let sd = transport.facets.slope_sd;
         let most = sd * Normal::MAX;
         let modes = Modes {
@@ -161,10 +171,11 @@ impl Walker {
                 Geometry::Plane if most > TILT_REACH => MIDDLE,
                 Geometry::Plane => SMALL,
             },
-            layers,
+            layers: if complex { Layers::Explicit } else { layers },
             // A flat interface has one facet only.
             visible: transport.facets.normals == Normals::Visible && sd > 0.0,
             absorbs: transport.absorbs(),
+            complex,
         };
         let modes = kernel::shared(modes, level);
         let prepared = match precision {
@@ -233,6 +244,13 @@ fn check(transport: &Transport) -> Result<(), WalkError> {
     }
     if let Some(layer) = transport.optical_depths.iter().position(|depth| depth.is_nan() || *depth < 0.0) {
         return Err(WalkError::Depth { layer: layer + 1, value: transport.optical_depths[layer] });
+    }
+    if ![0, indices].contains(&transport.extinctions.len()) {
+        return Err(WalkError::Media { indices: transport.extinctions.len(), layers });
+    }
+    let bad_extinction = |k: &f64| !(k.is_finite() && *k >= 0.0);
+    if let Some(medium) = transport.extinctions.iter().position(bad_extinction) {
+        return Err(WalkError::Extinction { medium, value: transport.extinctions[medium] });
     }
     if !(0.0..=SLOPE_SD_MAX).contains(&transport.facets.slope_sd) {
         return Err(WalkError::SlopeSd(transport.facets.slope_sd));
@@ -310,11 +328,24 @@ impl<R: Real> Problem<R> {
             film: film(transport),
         };
         if kind != Layers::Explicit {
-            return Self { constants, ratios: Vec::new(), depths: Vec::new() };
+            return Self { constants, ratios: Vec::new(), depths: Vec::new(), faces: Vec::new() };
         }
         let ratios = (0..=layers).flat_map(|upper| [ratio(upper, upper + 1), ratio(upper + 1, upper)]);
         let depths = (0..layers + 2).map(|medium| if medium == 0 { R::ZERO } else { depth(medium) });
-        Self { constants, ratios: ratios.collect(), depths: depths.collect() }
+        let complex = transport.has_complex_faces();
+        let face = |from: usize, to: usize| {
+            let (first, second) = (transport.index(from), transport.index(to));
+            let unit = first.re * first.re;
+            let contrast = (second - first) * (second + first) / unit;
+            ComplexFace {
+                kappa: R::from_f64(first.im / first.re),
+                contrast: [R::from_f64(contrast.re), R::from_f64(contrast.im)],
+                below: R::from_f64(2.0 * second.re * second.im / unit),
+            }
+        };
+        let faces = (0..=layers).filter(|_| complex);
+        let faces = faces.flat_map(|upper| [face(upper, upper + 1), face(upper + 1, upper)]);
+        Self { constants, ratios: ratios.collect(), depths: depths.collect(), faces: faces.collect() }
     }
 }
 

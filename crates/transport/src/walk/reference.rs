@@ -6,7 +6,7 @@
 use rand::rngs::SmallRng;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
-use thinfilm::intensity::fresnel;
+use thinfilm::intensity::{fresnel, fresnel_complex};
 
 use super::{Exit, Fate};
 use crate::{Geometry, Light, Normals, Transport};
@@ -127,6 +127,9 @@ impl<'a> Reference<'a> {
             let sheet = self.transport.sheets.filter(|sheets| (1..=sheets.last).contains(&interface));
             let (s, p) = match sheet {
                 Some(sheet) => sheet.reflectance(n1, cos_i),
+                None if self.transport.has_complex_faces() => {
+                    fresnel_complex(self.transport.index(medium), cos_i, self.transport.index(other))
+                }
                 None => fresnel(n1, cos_i, n2, cos_t),
             };
             let reflectance = share * s + (1.0 - share) * p;
@@ -137,6 +140,9 @@ impl<'a> Reference<'a> {
             }
             if !forced && self.reflects(reflectance, &mut weight, random) {
                 direction = add_scaled(direction, 1.0, normal, 2.0 * cos_i);
+            } else if cos_t == 0.0 {
+                // Total reflection that absorbs: no ray goes on.
+                return End { direction, weight: 0.0, fate: Fate::Absorbed, crossings };
             } else {
                 direction = add_scaled(direction, n1 / n2, normal, n1 / n2 * cos_i - cos_t);
                 medium = other;

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::draws::{Generator, Normal, Pair, Stream, uniform};
-use super::event::{Ahead, CROSSING, Constants, ENTERED, Facet, Problem, Ray};
+use super::event::{Ahead, CROSSING, ComplexFace, Constants, ENTERED, Facet, Problem, Ray};
 use super::kernel::{Kernel, Sweep};
 use super::real::Real;
 use crate::Light;
@@ -58,6 +58,7 @@ pub(crate) struct Lanes<R> {
     ratio: [R; LANES],
     here: [R; LANES],
     beyond: [R; LANES],
+    face: [ComplexFace<R>; LANES],
     pub(crate) draws: Draws,
     done: [i32; LANES],
     slot: [usize; LANES],
@@ -119,6 +120,7 @@ impl<R: Real> Lanes<R> {
             ratio: [R::ONE; LANES],
             here: [R::ZERO; LANES],
             beyond: [R::ZERO; LANES],
+            face: [ComplexFace::NONE; LANES],
             draws: Draws {
                 tilts: [[0.0; LANES]; 2],
                 choices: [[0.0; LANES]; 2],
@@ -212,9 +214,12 @@ impl<R: Real> Lanes<R> {
 
     /// How the path of a lane ended.
     #[inline(always)]
-    fn exit(&self, lane: usize, problem: &Problem<R>) -> Exit {
+    fn exit(&self, lane: usize, problem: &Problem<R>, event_cap: u32) -> Exit {
         let ray = self.get(lane);
-        let fate = if ray.interface < 0 {
+        // A sweep of the plane may have added one crossing too many.
+        let fate = if ray.met / CROSSING > event_cap {
+            Fate::Truncated
+        } else if ray.interface < 0 {
             match ray.met {
                 CROSSING => Fate::Single,
                 met if met & ENTERED == 0 => Fate::Rehit,
@@ -234,13 +239,20 @@ impl<R: Real> Lanes<R> {
 
     /// Looks up the interfaces that the rays of an explicit stack head for.
     #[inline(always)]
-    pub(crate) fn look_ahead<const ABSORBS: bool>(&mut self, problem: &Problem<R>, count: usize) {
+    pub(crate) fn look_ahead<const ABSORBS: bool, const COMPLEX: bool>(
+        &mut self,
+        problem: &Problem<R>,
+        count: usize,
+    ) {
         for lane in 0..count.min(LANES) {
-            let ahead = problem.explicit(self.interface[lane], self.step[lane]);
+            let ahead = problem.explicit::<COMPLEX>(self.interface[lane], self.step[lane]);
             self.ratio[lane] = ahead.ratio;
             if ABSORBS {
                 self.here[lane] = ahead.here;
                 self.beyond[lane] = ahead.beyond;
+            }
+            if COMPLEX {
+                self.face[lane] = ahead.face;
             }
         }
     }
@@ -292,7 +304,8 @@ impl<R: Real> Lanes<R> {
             Facet::tilted::<K, FUSED>(tilt)
         };
         let ahead = if K::MODES.is_explicit() {
-            Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane] }
+            let face = if K::MODES.complex { self.face[lane] } else { ComplexFace::NONE };
+            Ahead { ratio: self.ratio[lane], here: self.here[lane], beyond: self.beyond[lane], face }
         } else {
             constants.repeating::<K>(ray.interface, ray.step)
         };
@@ -385,7 +398,7 @@ impl<R: Real> Harvest<'_, R> {
                 continue;
             }
             self.crossings += u64::from(lanes.met[lane] / CROSSING);
-            self.out[lanes.slot[lane]] = lanes.exit(lane, self.problem);
+            self.out[lanes.slot[lane]] = lanes.exit(lane, self.problem, self.job.event_cap);
             if let Some(path) = self.paths.next() {
                 lanes.start(lane, self.job, path);
                 continue;

@@ -14,6 +14,51 @@ pub(crate) struct Problem<R> {
     pub(crate) ratios: Vec<R>,
     /// Explicit stacks: optical depth by medium (0 in the ambient and the substrate).
     pub(crate) depths: Vec<R>,
+    /// Stacks with complex indices: faces, as ratios.
+    pub(crate) faces: Vec<ComplexFace<R>>,
+}
+
+/// An interface between media of complex index, in units of the first one's real index n₁: with kₓ = sin θ₁, kz² of the first medium is
+/// cos²θ₁ − κ² + 2iκ and that of the second larger by the contrast.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ComplexFace<R> {
+    /// κ = k₁/n₁.
+    pub(crate) kappa: R,
+    /// (N₂² − N₁²)/n₁².
+    pub(crate) contrast: [R; 2],
+    /// Im N₂²/n₁²: exactly 0 in a clear medium.
+    pub(crate) below: R,
+}
+
+impl<R: Real> ComplexFace<R> {
+    pub(crate) const NONE: Self = Self { kappa: R::ZERO, contrast: [R::ZERO; 2], below: R::ZERO };
+
+    /// Reflectance for s and for p at cos² of the local angle, as [`thinfilm::intensity::fresnel_complex`].
+    #[inline(always)]
+    fn reflectance<const FUSED: bool>(&self, cos2: R) -> (R, R) {
+        let Self { kappa, contrast, below } = *self;
+        let re = (-kappa).fma::<FUSED>(kappa, cos2);
+        let (a, b) = (root::<R, FUSED>(re, kappa + kappa), root::<R, FUSED>(re + contrast[0], below));
+        let sum = [a[0] + b[0], a[1] + b[1]];
+        let norm = |z: [R; 2]| z[0].fma::<FUSED>(z[0], z[1] * z[1]);
+        let product = [a[0].fma::<FUSED>(b[0], -(a[1] * b[1])), a[0].fma::<FUSED>(b[1], a[1] * b[0])];
+        let sin2 = R::ONE - cos2;
+        let whole = norm(sum);
+        let s = norm(contrast) / (whole * whole);
+        let turned = norm([product[0] - sin2, product[1]]) / norm([product[0] + sin2, product[1]]);
+        let most = |x: R| choose(x < R::ONE, x, R::ONE);
+        (most(s), most(s * turned))
+    }
+}
+
+/// √(re + i im) for im ≥ 0, in the upper half plane.
+#[inline(always)]
+fn root<R: Real, const FUSED: bool>(re: R, im: R) -> [R; 2] {
+    let norm = re.fma::<FUSED>(re, im * im).sqrt();
+    let large = (R::from_f64(0.5) * (norm + re.abs())).sqrt();
+    let small = choose(large > R::ZERO, im / (large + large), R::ZERO);
+    let forward = re >= R::ZERO;
+    [choose(forward, large, small), choose(forward, small, large)]
 }
 
 /// The constants of an event. Copied before the loop over lanes: a choice between two fields behind a reference
@@ -153,6 +198,8 @@ pub(crate) struct Ahead<R> {
     pub(crate) here: R,
     /// Optical depth of the layer behind the interface.
     pub(crate) beyond: R,
+    /// The next interface, where indices are complex.
+    pub(crate) face: ComplexFace<R>,
 }
 
 /// Half the scale of [`uniform`](super::draws::uniform), a part in 10⁷ above it so that rounding can never refract
@@ -162,7 +209,7 @@ const HALF_SCALE: f64 = 1_073_742_080.0;
 impl<R: Real> Problem<R> {
     /// The interface ahead, in any stack.
     #[inline(always)]
-    pub(crate) fn explicit(&self, interface: i32, step: i32) -> Ahead<R> {
+    pub(crate) fn explicit<const COMPLEX: bool>(&self, interface: i32, step: i32) -> Ahead<R> {
         let up = usize::from(step < 0);
         // Rays that have left are looked up too, without being moved: any entry will do.
         let interface = interface.clamp(0, self.constants.last) as usize;
@@ -170,6 +217,7 @@ impl<R: Real> Problem<R> {
             ratio: self.ratios[2 * interface + up],
             here: self.depths[interface + up],
             beyond: self.depths[interface + 1 - up],
+            face: if COMPLEX { self.faces[2 * interface + up] } else { ComplexFace::NONE },
         }
     }
 }
@@ -184,7 +232,7 @@ impl<R: Real> Constants<R> {
         if matches!(K::MODES.layers, Layers::Uniform) {
             let below = choose(interface == self.last, last, R::ONE);
             let ratio = choose(interface == 0, first, below);
-            return Ahead { ratio, here: self.depth_odd, beyond: self.depth_odd };
+            return Ahead { ratio, here: self.depth_odd, beyond: self.depth_odd, face: ComplexFace::NONE };
         }
         let odd = up ^ (interface & 1 != 0);
         let inner = choose(odd, self.odd, self.even);
@@ -196,6 +244,7 @@ impl<R: Real> Constants<R> {
             ratio: choose(interface == 0, first, below),
             here: choose(odd, self.depth_odd, self.depth_even),
             beyond: choose(odd, self.depth_even, self.depth_odd),
+            face: ComplexFace::NONE,
         }
     }
 
@@ -245,6 +294,18 @@ impl<R: Real> Constants<R> {
         } else {
             needed <= R::from_f64(HALF_SCALE) * s.fma::<FUSED>(s, p * p)
         };
+        // Total reflection that absorbs: no ray goes on.
+        let mut swallowed = false;
+        if K::MODES.complex {
+            let cos2 = if space { a * a / facet.square } else { a * a };
+            let (s, p) = ahead.face.reflectance::<FUSED>(cos2);
+            let face = if K::MODES.tracked { choose(is_s, s, p) } else { R::from_f64(0.5) * (s + p) };
+            // A facet that faces away counts as one that reflects.
+            let reflected = !faces | (R::from_f32(choice) <= R::from_f64(2.0 * HALF_SCALE) * face);
+            let total = !(square > R::ZERO);
+            swallowed = !reflected & total;
+            reflects = reflected | total;
+        }
         if K::MODES.sheets {
             let cos2 = if space { a * a / facet.square } else { a * a };
             let (s, p) = self.film.reflectance::<FUSED>(cos2);
@@ -253,6 +314,7 @@ impl<R: Real> Constants<R> {
             let reflected = !faces | (R::from_f32(choice) <= R::from_f64(2.0 * HALF_SCALE) * film);
             let is_sheet = (ray.interface > 0) & (ray.interface <= self.film.last);
             reflects = choose(is_sheet, reflected, reflects);
+            swallowed &= !is_sheet;
         }
         let along = choose(reflects, R::ONE, ratio);
         let normal = choose(reflects, a + a, sn);
@@ -260,7 +322,7 @@ impl<R: Real> Constants<R> {
         let z = ray.z.fma::<FUSED>(along, -(if space { normal } else { normal * facet.z }));
         let turns = faces & (z <= R::ZERO);
         // Reflected upwards or refracted onwards, the ray crosses a layer; else it meets the same interface again.
-        let crosses = reflects == turns;
+        let crosses = (reflects == turns) & !swallowed;
         let step = choose(turns, -ray.step, ray.step);
         let met = ray.met + choose(faces, CROSSING, 0);
         let mut next = Ray {
@@ -276,6 +338,7 @@ impl<R: Real> Constants<R> {
             let layer = choose(reflects, ahead.here, ahead.beyond);
             let absorbs = crosses & (layer > R::ZERO) & !self.is_out(&next);
             next.depth = choose(absorbs, ray.depth + layer / next.z, ray.depth);
+            next.depth = choose(swallowed, R::from_f64(f64::INFINITY), next.depth);
         }
         next
     }

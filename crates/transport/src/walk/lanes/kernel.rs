@@ -49,6 +49,8 @@ pub(crate) struct Modes {
     pub(crate) visible: bool,
     /// Some layer absorbs.
     pub(crate) absorbs: bool,
+    /// Some index is complex: faces are looked up, and absorb in total reflection.
+    pub(crate) complex: bool,
 }
 
 impl Modes {
@@ -73,8 +75,8 @@ pub(crate) type Sweep<R> = fn(&mut Lanes<R>, &Problem<R>, usize) -> u32;
 
 /// Returns the sweep of the modes looked for, if they are in the product of the lists.
 macro_rules! find {
-    ($what:tt $(tracked $tracked:literal, sheets $sheets:literal: $shapes:tt $layers:tt $absorbs:tt;)*) => {
-        $( find!(@shapes $what [$tracked, $sheets] $shapes $layers $absorbs); )*
+    ($what:tt $(tracked $tracked:literal, sheets $sheets:literal, complex $complex:literal: $shapes:tt $layers:tt $absorbs:tt;)*) => {
+        $( find!(@shapes $what [$tracked, $sheets, $complex] $shapes $layers $absorbs); )*
     };
     (@shapes $what:tt $light:tt [$($shape:expr),*] $layers:tt $absorbs:tt) => {
         $( find!(@layers $what $light ($shape) $layers $absorbs); )*
@@ -89,7 +91,7 @@ macro_rules! find {
         )*
     };
     (@kernel ($modes:ident, $real:ty, $compiled:ident($level:ident))
-     [$tracked:literal, $sheets:literal] $shape:tt $layers:ident $absorbs:literal $visible:literal) => {{
+     [$tracked:literal, $sheets:literal, $complex:literal] $shape:tt $layers:ident $absorbs:literal $visible:literal) => {{
         const MODES: Modes = Modes {
             tracked: $tracked,
             sheets: $sheets,
@@ -97,6 +99,7 @@ macro_rules! find {
             layers: Layers::$layers,
             visible: $visible,
             absorbs: $absorbs,
+            complex: $complex,
         };
         if $modes == MODES {
             struct Found;
@@ -113,8 +116,8 @@ macro_rules! find {
 macro_rules! find_narrow {
     ($what:tt $layers:tt $absorbs:tt) => {
         find! { $what
-            tracked false, sheets false: [Shape::Space, SMALL, MIDDLE, WIDE] $layers $absorbs;
-            tracked true, sheets false: [SMALL, MIDDLE, WIDE] $layers $absorbs;
+            tracked false, sheets false, complex false: [Shape::Space, SMALL, MIDDLE, WIDE] $layers $absorbs;
+            tracked true, sheets false, complex false: [SMALL, MIDDLE, WIDE] $layers $absorbs;
         }
     };
 }
@@ -123,10 +126,14 @@ macro_rules! find_narrow {
 macro_rules! find_wide {
     ($what:tt $layers:tt $absorbs:tt) => {
         find! { $what
-            tracked false, sheets false: [Shape::Space, WIDE] $layers $absorbs;
-            tracked true, sheets false: [WIDE] $layers $absorbs;
-            tracked false, sheets true: [Shape::Space, WIDE] [Uniform] $absorbs;
-            tracked true, sheets true: [WIDE] [Uniform] $absorbs;
+            tracked false, sheets false, complex false: [Shape::Space, WIDE] $layers $absorbs;
+            tracked true, sheets false, complex false: [WIDE] $layers $absorbs;
+            tracked false, sheets true, complex false: [Shape::Space, WIDE] [Uniform] $absorbs;
+            tracked true, sheets true, complex false: [WIDE] [Uniform] $absorbs;
+            tracked false, sheets false, complex true: [Shape::Space, WIDE] [Explicit] [true];
+            tracked true, sheets false, complex true: [WIDE] [Explicit] [true];
+            tracked false, sheets true, complex true: [Shape::Space, WIDE] [Explicit] [true];
+            tracked true, sheets true, complex true: [WIDE] [Explicit] [true];
         }
     };
 }
@@ -245,17 +252,21 @@ macro_rules! level {
 
             $(#[$features])?
             fn look_ahead<K: Kernel>(lanes: &mut Lanes<K::Real>, problem: &Problem<K::Real>, count: usize) {
-                if K::MODES.absorbs {
-                    look_up::<_, true>(lanes, problem, count);
-                } else {
-                    look_up::<_, false>(lanes, problem, count);
+                match (K::MODES.absorbs, K::MODES.complex) {
+                    (_, true) => look_up::<_, true, true>(lanes, problem, count),
+                    (true, false) => look_up::<_, true, false>(lanes, problem, count),
+                    (false, false) => look_up::<_, false, false>(lanes, problem, count),
                 }
             }
 
             $(#[$features])?
             #[inline(never)]
-            fn look_up<R: Real, const ABSORBS: bool>(lanes: &mut Lanes<R>, problem: &Problem<R>, count: usize) {
-                lanes.look_ahead::<ABSORBS>(problem, count);
+            fn look_up<R: Real, const ABSORBS: bool, const COMPLEX: bool>(
+                lanes: &mut Lanes<R>,
+                problem: &Problem<R>,
+                count: usize,
+            ) {
+                lanes.look_ahead::<ABSORBS, COMPLEX>(problem, count);
             }
 
             $(#[$features])?
