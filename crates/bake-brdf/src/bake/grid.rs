@@ -19,6 +19,8 @@ pub(super) const fn reading_shares(axis: &ExitAxis) -> [f64; 2] {
 /// Lobes by which a grid is placed are this much more accurate than what they decide, within bounds.
 const FINER: f64 = 0.3;
 const LOBE_SHARES: [f64; 2] = [2e-5, 5e-3];
+/// Root of a share of all light below which a component makes the lobes finer; above, they are fine enough.
+const FAINT: f64 = 0.15;
 /// Seconds of one core that one solution of the lobes may take; incidences of one.
 const AFFORDABLE: f64 = 3.0;
 const SOLVED: usize = 100;
@@ -78,7 +80,8 @@ impl Grid {
         // A faint component is judged by the root of its share: its lobes have to be finer by as much.
         let faintest = placing::faintest(&operator.solve(&placing::probes(&first))?);
         let settings = Settings::for_accuracy(&transport, geometry, (finer * faintest).max(LOBE_SHARES[0]));
-        if settings.cost(&transport, geometry, SOLVED).seconds <= AFFORDABLE
+        if faintest < FAINT
+            && settings.cost(&transport, geometry, SOLVED).seconds <= AFFORDABLE
             && let Ok(finer) = Operator::new(&transport, geometry, &settings)
         {
             operator = finer;
