@@ -108,7 +108,8 @@ impl SingleReflection {
     #[must_use]
     pub fn azimuth_sd(&self, theta_o: f64) -> f64 {
         let (sine, cosine) = theta_o.sin_cos();
-        self.facets.slope_sd * (self.cosine + cosine) / sine.max(f64::MIN_POSITIVE)
+        // The slopes of the half vector: p² + q² = (sin²θi + sin²θo − 2 sin θi sin θo cos φ)/(cos θi + cos θo)².
+        self.facets.slope_sd * (self.cosine + cosine) / (self.sine * sine).sqrt().max(f64::MIN_POSITIVE)
     }
 
     /// f·cos θo at the exit direction (θo, φ), 1/sr (space).
