@@ -63,15 +63,15 @@ fn pairs_are_twice_as_many_layers() {
     assert_eq!(pairs.lobe(Component::Interior), layers.lobe(Component::Interior));
 }
 
-/// One absorbing layer between media of its own index: nothing is reflected, facets bend nothing, and what passes is
+/// One weakly absorbing layer between media of its own index: nothing is reflected (k²/4n² is 1e-11), facets bend nothing, and what passes is
 /// exp(−4πk·d/(λ cos θ)) exactly, for every path.
 #[test]
 fn a_layer_without_interfaces_obeys_beers_law() {
-    let text = r#"{"stack":{"layers":1,"ambient":{"n":1.5},"aragonite":{"n":1.5,"k":0.02,"thickness_nm":800},
+    let text = r#"{"stack":{"layers":1,"ambient":{"n":1.5},"aragonite":{"n":1.5,"k":1e-5,"thickness_nm":1600000},
         "substrate":{"n":1.5}}}"#;
     let table = bake_recipe(text, &["--paths", "500", "--incident-deg", "0,40,70"]);
     for row in &table.meta().per_incidence {
-        let depth = 4.0 * PI * 0.02 * 800.0 / 550.0 / row.theta_i_deg.to_radians().cos();
+        let depth = 4.0 * PI * 1e-5 * 1.6e6 / 550.0 / row.theta_i_deg.to_radians().cos();
         // Weights and directions are f32 in the walk: 1e-7 each, and the exponent magnifies by the depth.
         assert!((row.transmitted - (-depth).exp()).abs() < 5e-7, "{row:?} {depth}");
         assert!((row.absorbed - 1.0 + (-depth).exp()).abs() < 5e-7);
