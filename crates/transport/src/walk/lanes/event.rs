@@ -302,7 +302,7 @@ impl<R: Real> Constants<R> {
             let face = if K::MODES.tracked { choose(is_s, s, p) } else { R::from_f64(0.5) * (s + p) };
             // A facet that faces away counts as one that reflects.
             let reflected = !faces | (R::from_f32(choice) <= R::from_f64(2.0 * HALF_SCALE) * face);
-            let total = !(square > R::ZERO);
+            let total = square <= R::ZERO;
             swallowed = !reflected & total;
             reflects = reflected | total;
         }
