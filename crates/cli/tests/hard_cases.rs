@@ -852,7 +852,8 @@ fn tables_of_hard_stacks_keep_what_every_table_keeps() {
         r#"{"stack":{"layers":50,"aragonite":{"n":0.9},"conchiolin":{"n":0.8},"substrate":{"n":1.0}}}"#,
         r#"{"stack":{"layers":4,"ambient":{"n":1.9},"aragonite":{"n":1.2},"conchiolin":{"n":1.0},"substrate":{"n":1.0}}}"#,
         r#"{"stack":{"layers":5,"aragonite":{"n":1.0},"conchiolin":{"n":1.0},"substrate":{"n":1.0}}}"#,
-        r#"{"stack":{"layers":10,"aragonite":{"n":1.53,"k":100.0}}}"#,
+        // As black as a layer may be.
+        r#"{"stack":{"layers":10,"conchiolin":{"n":1.43,"k":0.28,"thickness_nm":100000}}}"#,
         r#"{"stack":{"layers":10,"aragonite":{"n":1.53,"k":1e-12}}}"#,
         // Total reflection from 30° on: what a lobe of few nodes makes of the edge rings.
         r#"{"stack":{"layers":10,"substrate":{"n":0.5}}}"#,

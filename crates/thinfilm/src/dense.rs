@@ -310,7 +310,9 @@ impl<'a> Solver<'a> {
         let mut robust = 0;
         for lane in 0..last - first {
             let known = lanes.is_suitable(lane, is_lossless);
-            let is_fast = |pol: usize| known && result.error[pol].0[lane] <= self.tolerance;
+            // Stored energy is the first to leave the range of f64.
+            let is_finite = |pol: usize| self.sources.is_none() || result.emission[pol].0[lane].is_finite();
+            let is_fast = |pol: usize| known && is_finite(pol) && result.error[pol].0[lane] <= self.tolerance;
             let slow: Vec<Polarisation> =
                 Polarisation::BOTH.into_iter().filter(|pol| !is_fast(*pol as usize)).collect();
             if slow.is_empty() {

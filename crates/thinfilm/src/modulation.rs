@@ -53,10 +53,7 @@ pub fn modulation(
         let spectra = dense::spectra_for_means(member, &wavelengths, angles, None)?;
         Ok((0..angles.len()).map(|at| spectra.unpolarised_reflectance(at)).collect())
     })?;
-    let row = |(at, incoherent): (usize, &f64)| {
-        let most = 1.0 / incoherent;
-        sampling.banded(&coherent, at, most, most)
-    };
+    let row = |(at, incoherent): (usize, &f64)| sampling.banded(&coherent, at, *incoherent, 1.0 / incoherent);
     Ok(incoherent.par_iter().enumerate().map(row).collect())
 }
 
@@ -76,7 +73,7 @@ pub fn emission(
         Means::new(stack, sampling, |member| emission::of_member(member, profile, &wavelengths, angles))?;
     let row = |at: usize| {
         let mean = sampling.band_means(&radiance.mean[at]).iter().sum::<f64>() / sampling.bands as f64;
-        let unit = if mean > 0.0 { 1.0 / mean } else { 1.0 };
+        let unit = if mean > 0.0 { mean } else { 1.0 };
         sampling.banded(&radiance, at, unit, f64::INFINITY)
     };
     Ok((0..angles.len()).into_par_iter().map(row).collect())
@@ -129,9 +126,9 @@ impl Means {
         }
     }
 
-    /// What is left open of the colour of the mean at an angle, all values times a scale.
-    fn left_open(&self, at: usize, scale: f64) -> Option<f64> {
-        let scaled = |xyz: Xyz| xyz.map(|x| scale * x);
+    /// What is left open of the colour of the mean at an angle, in some unit.
+    fn left_open(&self, at: usize, unit: f64) -> Option<f64> {
+        let scaled = |xyz: Xyz| xyz.map(|x| x / unit);
         let row = &self.mean[at];
         let mean = scaled(colour::xyz(row));
         let from_mean = |xyz: Xyz| colour::delta_e_2000(colour::lab(mean), colour::lab(xyz));
@@ -172,9 +169,9 @@ impl Sampling {
         (0..self.bands).map(mean).collect()
     }
 
-    /// The mean at an angle times a scale, colours up to `most`.
-    fn banded(&self, means: &Means, at: usize, scale: f64, most: f64) -> Banded {
-        let values: Vec<f64> = means.mean[at].iter().map(|value| (value * scale).clamp(0.0, most)).collect();
+    /// The mean at an angle in some unit, colours up to `most`.
+    fn banded(&self, means: &Means, at: usize, unit: f64, most: f64) -> Banded {
+        let values: Vec<f64> = means.mean[at].iter().map(|value| (value / unit).clamp(0.0, most)).collect();
         let white = colour::linear_srgb(colour::xyz(&vec![1.0; values.len()]));
         let xyz = colour::xyz(&values);
         let rgb = colour::linear_srgb(xyz);
@@ -182,7 +179,7 @@ impl Sampling {
         let read = colour::xyz(&self.read_between(&bands));
         Banded {
             rgb: [0, 1, 2].map(|c| (rgb[c] / white[c]).clamp(0.0, most)),
-            sampling: means.left_open(at, scale),
+            sampling: means.left_open(at, unit),
             between_bands: colour::delta_e_2000(colour::lab(xyz), colour::lab(read)),
             bands,
             xyz,
