@@ -10,3 +10,8 @@ pub mod scene;
 pub mod spectra;
 pub mod study;
 pub mod tally;
+
+/// A number to three significant digits: an estimate of an error is good for no more.
+pub(crate) fn three_digits(x: f64) -> f64 {
+    format!("{x:.2e}").parse().unwrap_or(x)
+}

@@ -254,6 +254,5 @@ fn lobe_cost(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<C
     let each =
         if solver == SolverChoice::Doubling { prices::DOUBLING_CELL_BYTES } else { prices::WALK_CELL_BYTES };
     let bytes = prices::INCIDENCE_BYTES * request.grid.incident_deg.len() as u64 + (cells * each) as u64;
-    let rows = prices::row_beside(request.geometry()) * forecast.rows as f64;
-    Ok(Cost { seconds: forecast.seconds + rows, bytes })
+    Ok(Cost { seconds: forecast.seconds, bytes })
 }

@@ -76,12 +76,18 @@ impl Face {
                 (s * s, p * p)
             }
         };
-        let reflectance = match light {
-            Light::S => s,
-            Light::P => p,
-            Light::Unpolarised | Light::Tracked => 0.5 * (s + p),
-        };
-        (reflectance, cos_t)
+        (light.of_both(s, p), cos_t)
+    }
+}
+
+impl Light {
+    /// What this light meets where s and p meet so much each.
+    pub(crate) fn of_both(self, s: f64, p: f64) -> f64 {
+        match self {
+            Self::S => s,
+            Self::P => p,
+            Self::Unpolarised | Self::Tracked => 0.5 * (s + p),
+        }
     }
 }
 

@@ -151,7 +151,7 @@ fn chosen(request: &Request, share: f64, settings: Option<&Settings>) -> Result<
         nodes.par_iter().map(|nm| lobes(&request.at_wavelength(*nm), settings)).collect();
     let (further_nm, worst) = choose(&nodes, &solved?, own, share);
     // Three digits are more than it is good for, and hide in which order a machine's matrix products add.
-    let interpolation_percent = format!("{:.2e}", 100.0 * worst).parse().unwrap_or(0.0);
+    let interpolation_percent = crate::three_digits(100.0 * worst);
     Ok(Bands { own_nm: own, further_nm, interpolation_percent })
 }
 

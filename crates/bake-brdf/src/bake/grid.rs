@@ -77,25 +77,27 @@ impl Grid {
             Err(DoublingError::Domain { .. } | DoublingError::TooCostly { .. }) => return Ok(listed(first)),
             operator => operator?,
         };
+        let probes = placing::probes(&first);
+        let mut probed = operator.solve(&probes)?;
         // A faint component is judged by the root of its share: its lobes have to be finer by as much.
-        let faintest = placing::faintest(&operator.solve(&placing::probes(&first))?);
+        let faintest = placing::faintest(&probed);
         let settings = Settings::for_accuracy(&transport, geometry, (finer * faintest).max(LOBE_SHARES[0]));
         if faintest < FAINT
             && settings.cost(&transport, geometry, SOLVED).seconds <= AFFORDABLE
             && let Ok(finer) = Operator::new(&transport, geometry, &settings)
         {
             operator = finer;
+            probed = operator.solve(&probes)?;
         }
         let azimuth = request.recipe.azimuth;
-        let solve = |theta_i: &[f64]| Ok(operator.solve(theta_i)?);
         let axis = match options.cells {
             Some(_) => first,
-            None => placing::cells(&first, azimuth, cells_share * share, &solve)?,
+            None => placing::cells(&first, azimuth, cells_share * share, &probed),
         };
         if options.incident_deg.is_some() {
             return Ok(listed(axis));
         }
-        Ok(Self { incident_deg: placing::rows(&axis, azimuth, rows_share * share, &solve)?, axis })
+        Ok(Self { incident_deg: placing::rows(&axis, azimuth, rows_share * share, &operator)?, axis })
     }
 }
 

@@ -335,13 +335,11 @@ pub fn forecast(
     let threads = rayon::current_num_threads() as f64;
     let colours: f64 =
         spectra::forecast(&request.recipe, request.wanted_colours(), request.colour_accuracy()).iter().sum();
-    let rows = prices::row_beside(request.geometry()) * lobe.rows as f64;
-    let seconds = lobe.seconds + colours / threads + rows + prices::OVERHEAD_SECONDS;
-    Ok(Forecast { seconds, ..lobe })
+    Ok(Forecast { seconds: lobe.seconds + colours / threads + prices::OVERHEAD_SECONDS, ..lobe })
 }
 
-/// Predicts the cost of a lobe: the walk's from a pilot of a few thousand paths at some incidences, doubling's from its operation
-/// count. What placing rows and cells took is counted in, and what choosing the bands does.
+/// Predicts the cost of a lobe and its rows: the walk's from a pilot of a few thousand paths at some incidences, doubling's from its
+/// operation count. What placing rows and cells took is counted in, and what choosing the bands does.
 ///
 /// # Errors
 /// As [`walk()`] and [`doubling()`].
@@ -368,7 +366,9 @@ pub(crate) fn lobe_forecast(
         let beside = beside.map(|(transport, &each)| choice::seconds_beside_walk(request, transport, each));
         (walk.seconds + beside.sum::<f64>() / threads, walk.paths)
     };
-    let seconds = solved + request.placing_seconds + bands::seconds_to_choose(request)? / threads;
+    let beside = prices::row_beside(request.geometry()) * rows as f64;
+    let chosen = request.placing_seconds + bands::seconds_to_choose(request)? / threads;
+    let seconds = solved + beside + chosen;
     // Three components of value, error and count, and four coordinates, four bytes each.
     Ok(Forecast { seconds, paths, bytes: cells * 13 * 4, cells, rows })
 }

@@ -10,7 +10,7 @@ use crate::recipe::Azimuth;
 use lut_io::axis::ExitAxis;
 use rayon::prelude::*;
 use std::f64::consts::FRAC_PI_2;
-use transport::doubling::{Solution, component_scale};
+use transport::doubling::{Operator, Solution, component_scale};
 
 /// Incidences from which the bend of the lobes is known.
 const SCOUTS: usize = 40;
@@ -28,9 +28,6 @@ const FIRST_CELLS: usize = 32;
 const FEWEST_CELLS: usize = 12;
 const MOST_CELLS: usize = 4096;
 
-/// Solves lobes at incidences, radians.
-type Solve<'a> = dyn Fn(&[f64]) -> Result<Solution, BakeError> + 'a;
-
 /// Incidences at which cells are chosen.
 pub(super) fn probes(axis: &ExitAxis) -> Vec<f64> {
     spread_out(CELL_PROBES, axis.width())
@@ -45,17 +42,11 @@ pub(super) fn faintest(solution: &Solution) -> f64 {
     shares.fold(1.0, f64::min)
 }
 
-/// The coarsest axis of which reading between cells misses at most `share`, as far as there is one.
-pub(super) fn cells(
-    first: &ExitAxis,
-    azimuth: Azimuth,
-    share: f64,
-    solve: &Solve<'_>,
-) -> Result<ExitAxis, BakeError> {
-    let solution = solve(&probes(first))?;
+/// The coarsest axis of which reading between cells misses at most `share` at the [`probes`] that were solved, as far as there is one.
+pub(super) fn cells(first: &ExitAxis, azimuth: Azimuth, share: f64, probed: &Solution) -> ExitAxis {
     let missed = |axis: &ExitAxis| {
         let probes = (0..CELL_PROBES).into_par_iter();
-        probes.map(|i| reading::between_cells(axis, azimuth, &solution, i).worst()).reduce(|| 0.0, f64::max)
+        probes.map(|i| reading::between_cells(axis, azimuth, probed, i).worst()).reduce(|| 0.0, f64::max)
     };
     let even = |cells: f64| (2 * (0.5 * cells).ceil() as usize).clamp(FEWEST_CELLS, MOST_CELLS);
     let width = first.width();
@@ -86,18 +77,18 @@ pub(super) fn cells(
         cells = cells.map(|cells| cells * scale);
         found = missed(&axis(cells));
     }
-    Ok(axis(cells))
+    axis(cells)
 }
 
-/// Places rows, degrees, so that what reading between them misses is at most `share` where that is possible. `solve` solves lobes at incidences.
+/// Places rows, degrees, so that what reading between them misses is at most `share` where that is possible.
 pub(super) fn rows(
     axis: &ExitAxis,
     azimuth: Azimuth,
     share: f64,
-    solve: &Solve<'_>,
+    operator: &Operator,
 ) -> Result<Vec<f64>, BakeError> {
     let sampled = |theta_i: &[f64]| -> Result<Vec<Sample>, BakeError> {
-        let solution = solve(theta_i)?;
+        let solution = operator.solve(theta_i)?;
         Ok((0..theta_i.len()).into_par_iter().map(|i| Sample::new(axis, azimuth, &solution, i)).collect())
     };
     let scouts = spread_out(SCOUTS, axis.width());

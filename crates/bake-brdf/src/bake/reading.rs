@@ -5,6 +5,7 @@
 
 use super::cells::cell_shares;
 use crate::recipe::Azimuth;
+use crate::three_digits;
 use lut_io::axis::{ExitAxis, Stretched};
 use lut_io::monotone::Monotone;
 use lut_io::table::Component;
@@ -47,8 +48,7 @@ impl Missed {
 
     /// To three digits: more than they are good for, and they hide in which order a machine's matrix products add.
     pub(super) fn rounded(self) -> Self {
-        let round = |share: f64| format!("{share:.2e}").parse().unwrap_or(share);
-        Self { all: round(self.all), components: self.components.map(round) }
+        Self { all: three_digits(self.all), components: self.components.map(three_digits) }
     }
 }
 

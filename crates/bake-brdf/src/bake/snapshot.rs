@@ -293,8 +293,8 @@ mod tests {
     use super::super::{Checkpoint, walk};
     use super::*;
     use proptest::prelude::*;
-    use std::sync::Mutex;
     use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::{Mutex, OnceLock};
     use std::time::Duration;
 
     fn request(paths: u64) -> Request {
@@ -381,14 +381,20 @@ mod tests {
         assert!(refusal.contains("does not start with nacre-state/1"), "{refusal}");
     }
 
+    /// Walked once for all that is tried on it.
+    fn small() -> &'static Snapshot {
+        static SMALL: OnceLock<Snapshot> = OnceLock::new();
+        SMALL.get_or_init(|| walk_shard(&request(10), Shard::WHOLE, &Observer::idle()).unwrap())
+    }
+
     proptest! {
         #[test]
         fn damage_is_noticed(flip in 0_usize..400, bit in 0_u8..8) {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("s");
-            let snapshot = walk_shard(&request(10), Shard::WHOLE, &Observer::idle()).unwrap();
+            let snapshot = small();
             snapshot.write(&path).unwrap();
-            prop_assert_eq!(&Snapshot::read(&path).unwrap(), &snapshot);
+            prop_assert_eq!(&Snapshot::read(&path).unwrap(), snapshot);
             let mut bytes = std::fs::read(&path).unwrap();
             bytes[flip] ^= 1 << bit;
             prop_assert!(Snapshot::decode(&bytes).is_err());

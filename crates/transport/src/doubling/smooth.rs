@@ -81,11 +81,7 @@ impl<'a> Faces<'a> {
             let (n1, n2) = (first.re, second.re);
             let s = (n1 * c1 - n2 * c2) / (n1 * c1 + n2 * c2);
             let p = (n2 * c1 - n1 * c2) / (n2 * c1 + n1 * c2);
-            let r = match self.transport.light {
-                Light::S => s * s,
-                Light::P => p * p,
-                Light::Unpolarised | Light::Tracked => 0.5 * (s * s + p * p),
-            };
+            let r = self.transport.light.of_both(s * s, p * p);
             return (r, 1.0 - r);
         }
         let (r, _) = Face::new(first, second).meet(c1, self.transport.light);
