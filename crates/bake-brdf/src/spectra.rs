@@ -12,6 +12,7 @@
 use crate::effects::{Effect, EffectSet};
 use crate::prices;
 use crate::recipe::{Recipe, RecipeError};
+use crate::three_digits;
 use lut_io::spectra::{Coherent, ColourError, Emission, Missing, Spectra};
 use rayon::prelude::*;
 use thinfilm::emission::SourceProfile;
@@ -27,10 +28,11 @@ const FINE_STEP_DEG: usize = 1;
 const STEP_DEG: usize = 5;
 /// Stands in for 90°, where no power arrives and radiance has no meaning.
 const GRAZING_DEG: f64 = 89.9;
-/// Wavelengths a band of a regular stack, fewest and most: 0.25 nm resolve fringes of 0.84 nm.
-const REGULAR_PER_BAND: [f64; 2] = [20.0, 160.0];
-/// Wavelengths a band of M and of Ê of an irregular stack: more members are worth more, but stored energy has narrower lines.
+/// Wavelengths a band from which a pilot of a regular stack starts, and of M and of Ê of an irregular one, where more members are worth
+/// more (but stored energy has narrower lines); and most: 0.25 nm resolve fringes of 0.84 nm.
+const REGULAR_PER_BAND: f64 = 20.0;
 const IRREGULAR_PER_BAND: [f64; 2] = [2.0, 8.0];
+const FINEST: f64 = 160.0;
 /// Seconds of one core, by the prices, that one quantity to ΔE00 1 may take (others by the square, as their members), and that its
 /// pilot may.
 const AFFORDABLE: f64 = 0.6;
@@ -294,9 +296,9 @@ fn curve(
     let judged = nodes.partition_point(|(degrees, _)| *degrees <= JUDGED_DEG);
     let worst =
         |of: &dyn Fn(&Banded) -> f64| nodes[..judged].iter().map(|(_, row)| of(row)).fold(0.0, f64::max);
-    let known = nodes.iter().all(|(_, row)| row.sampling.is_some());
+    let known = nodes.iter().all(|(_, row)| row.sampling().is_some());
     let error = ColourError {
-        sampling: known.then(|| three_digits(worst(&|row| row.sampling.unwrap_or(0.0)))),
+        sampling: known.then(|| three_digits(worst(&|row| row.sampling().unwrap_or(0.0)))),
         angles: three_digits(missed[..judged - 1].iter().copied().fold(0.0, f64::max)),
         bands: three_digits(worst(&|row| row.between_bands)),
     };
@@ -315,7 +317,7 @@ fn missed_between(nodes: &[(f64, Banded)]) -> Vec<f64> {
             let read = [0, 1, 2].map(|i: usize| (1.0 - t) * before.xyz[i] + t * after.xyz[i]);
             let bent = colour::delta_e_2000(colour::lab(read), colour::lab(here.xyz));
             let noise = [(before, 1.0 - t), (here, 1.0), (after, t)]
-                .map(|(row, share)| 1.5 * share * row.sampling.unwrap_or(0.0));
+                .map(|(row, share)| 1.5 * share * row.noise.unwrap_or(0.0));
             let noise2: f64 = noise.iter().map(|noise| noise * noise).sum();
             // The error of reading is the product of both parts of the interval.
             (bent * bent - noise2).max(0.0).sqrt() / ((b - a) * (c - b))
@@ -331,11 +333,6 @@ fn missed_between(nodes: &[(f64, Banded)]) -> Vec<f64> {
             0.25 * width * width * bend
         })
         .collect()
-}
-
-/// More digits than an error has would hide that it is one.
-fn three_digits(x: f64) -> f64 {
-    format!("{x:.2e}").parse().unwrap_or(x)
 }
 
 fn absorbs(stack: &Stack) -> bool {
@@ -407,19 +404,27 @@ impl Effort {
     fn of_coherent(stack: &Stack, transport: &Transport, delta_e00: f64) -> Result<Self, SpectraError> {
         let step = if stack.is_irregular() { STEP_DEG } else { FINE_STEP_DEG };
         let pilot = |sampling| reflected(stack, transport, &PILOT_DEG, sampling);
-        let irregular = Self { theta_deg: angles_deg(step), per_band: IRREGULAR_PER_BAND[0], members: 1.0 };
-        irregular.chosen(stack, reflectance_price(stack), delta_e00, pilot)
+        Self::from(stack, step, IRREGULAR_PER_BAND[0]).chosen(
+            stack,
+            reflectance_price(stack),
+            delta_e00,
+            pilot,
+        )
     }
 
     /// Of Ê.
     fn of_emission(stack: &Stack, profile: SourceProfile, delta_e00: f64) -> Result<Self, SpectraError> {
         let pilot = |sampling| modulation::emission(stack, profile, &radians(&PILOT_DEG), sampling);
-        let irregular =
-            Self { theta_deg: angles_deg(STEP_DEG), per_band: IRREGULAR_PER_BAND[1], members: 1.0 };
-        irregular.chosen(stack, field_price(stack, profile), delta_e00, pilot)
+        let first = Self { theta_deg: angles_deg(STEP_DEG), per_band: IRREGULAR_PER_BAND[1], members: 1.0 };
+        first.chosen(stack, field_price(stack, profile), delta_e00, pilot)
     }
 
-    /// As many wavelengths of a regular stack, or members of an irregular one, as a pilot finds necessary and the work allows.
+    fn from(stack: &Stack, step_deg: usize, irregular: f64) -> Self {
+        let per_band = if stack.is_irregular() { irregular } else { REGULAR_PER_BAND };
+        Self { theta_deg: angles_deg(step_deg), per_band, members: 1.0 }
+    }
+
+    /// As many wavelengths, and members of an irregular stack, as a pilot finds necessary and the work allows.
     fn chosen(
         self,
         stack: &Stack,
@@ -427,30 +432,33 @@ impl Effort {
         delta_e00: f64,
         pilot: impl Fn(Sampling) -> Result<Vec<Banded>, StackError>,
     ) -> Result<Self, SpectraError> {
-        let left_open = |effort: &Self| -> Result<f64, SpectraError> {
-            let rows = pilot(effort.sampling())?;
-            Ok(rows.iter().filter_map(|row| row.sampling).fold(0.0, f64::max))
-        };
-        let aim = SAMPLING_SHARE * delta_e00;
         // A wavelength a band, of one member, in both polarisations.
         let wave = prices::sum(&[1.0, stack.layer_count() as f64], &price);
         let seconds = |angles: usize| (2 * BANDS * angles) as f64 * wave;
         let affordable = (AFFORDABLE / (delta_e00.powi(2) * seconds(self.theta_deg.len()))).max(1.0).floor();
-        if !stack.is_irregular() {
-            let [first, finest] = REGULAR_PER_BAND.map(|per_band| per_band.min(affordable));
-            let mut effort = Self { per_band: first, ..self };
-            while 2.0 * effort.per_band <= finest && left_open(&effort)? > aim {
-                effort.per_band *= 2.0;
-            }
-            return Ok(effort);
+        let aim = SAMPLING_SHARE * delta_e00;
+        let mut effort = Self { per_band: self.per_band.min(affordable), ..self };
+        if stack.is_irregular() {
+            let [fewest, enough] = PILOT_MEMBERS;
+            let members = PILOT / (effort.per_band * seconds(PILOT_DEG.len()));
+            effort.members = members.clamp(fewest, enough).floor();
         }
-        let per_band = self.per_band.min(affordable);
-        let [fewest, enough] = PILOT_MEMBERS;
-        let members = (PILOT / (per_band * seconds(PILOT_DEG.len()))).clamp(fewest, enough).floor();
-        let first = Self { per_band, members, ..self };
-        let wanted = (members * (left_open(&first)? / aim).powi(2)).ceil();
-        let [fewest, most] = MEMBERS;
-        Ok(Self { members: wanted.min((affordable / per_band).floor()).clamp(fewest, most), ..first })
+        // Fringes that all members share take more wavelengths; what is noise takes more members.
+        let noise = loop {
+            let rows = pilot(effort.sampling())?;
+            let worst = |of: &dyn Fn(&Banded) -> Option<f64>| rows.iter().filter_map(of).fold(0.0, f64::max);
+            let (noise, change) = (worst(&|row| row.noise), worst(&|row| row.change));
+            if change <= aim.max(noise) || 2.0 * effort.per_band > affordable.min(FINEST) {
+                break noise;
+            }
+            effort.per_band *= 2.0;
+        };
+        if stack.is_irregular() {
+            let [fewest, most] = MEMBERS;
+            let wanted = (effort.members * (noise / aim).powi(2)).ceil();
+            effort.members = wanted.min((affordable / effort.per_band).floor()).clamp(fewest, most);
+        }
+        Ok(effort)
     }
 
     /// Wavelengths × angles × polarisations × members.
@@ -738,8 +746,8 @@ mod tests {
         assert!(members(few, 4.0) < members(few, 1.0) && members(few, 1.0) < members(few, 0.5));
         let deep = recipe(r#"{"stack": {"layers": 2000, "aragonite": {"k": 1e-6, "thickness_sd_nm": 10}}}"#);
         let wanted = Wanted { emission: Want::No, ..BOTH };
-        let said = of(&deep, wanted, 0.3).unwrap().spectra.coherent.unwrap().delta_e00;
-        assert!(said.sampling.unwrap() > 0.3, "{said:?}");
+        let said = of(&deep, wanted, 1.0).unwrap().spectra.coherent.unwrap().delta_e00;
+        assert!(said.sampling.unwrap() > 1.0, "{said:?}");
     }
 
     #[test]

@@ -188,7 +188,7 @@ pub fn of_stack(
     accuracy: f64,
 ) -> Result<Vec<StackColour>, StackError> {
     stack.check()?;
-    let members = if stack.is_irregular() { members.clamp(1, ensemble::MOST_MEMBERS) } else { 1 };
+    let members = ensemble::count(stack, members);
     angles
         .iter()
         .map(|theta| {
@@ -219,6 +219,17 @@ fn first_count(stack: &Stack) -> Result<usize, StackError> {
     Ok(count)
 }
 
+/// Standard error of the mean of two colours at least, as ΔE00: √((n − 1)/n Σ ΔE²) over the means without one member (Tukey's jackknife).
+pub(crate) fn standard_error(members: &[Xyz], mean: Xyz) -> f64 {
+    let n = members.len() as f64;
+    let whole = lab(mean);
+    let square = |member: &Xyz| {
+        let without = std::array::from_fn(|c| (n * mean[c] - member[c]) / (n - 1.0));
+        delta_e_2000(whole, lab(without)).powi(2)
+    };
+    ((n - 1.0) / n * members.iter().map(square).sum::<f64>()).sqrt()
+}
+
 /// XYZ of every member of an ensemble at one angle, and their mean. XYZ is linear in R: the mean's colour is the colour of the
 /// mean.
 struct EnsembleColour {
@@ -238,21 +249,10 @@ impl EnsembleColour {
         Ok(Self { members, mean })
     }
 
-    /// √((n − 1)/n Σ ΔE²) over the means without one member (Tukey's jackknife), two at least.
-    fn error(&self) -> f64 {
-        let n = self.members.len() as f64;
-        let whole = lab(self.mean);
-        let square = |member: &Xyz| {
-            let without = std::array::from_fn(|c| (n * self.mean[c] - member[c]) / (n - 1.0));
-            delta_e_2000(whole, lab(without)).powi(2)
-        };
-        ((n - 1.0) / n * self.members.iter().map(square).sum::<f64>()).sqrt()
-    }
-
     fn colour(&self, wavelengths: usize, change: f64, is_irregular: bool) -> StackColour {
         let ensemble_error = match self.members.len() {
             0 | 1 => (!is_irregular).then_some(0.0),
-            _ => Some(self.error()),
+            _ => Some(standard_error(&self.members, self.mean)),
         };
         StackColour {
             xyz: self.mean,

@@ -1,9 +1,9 @@
 //! Light scattered inside the stack: the radiance that leaves at θo, by reciprocity
 //! I(λ, θo) = (1/cos θo) ∫ s(z)·|E(z; θo)|² dz for a unit wave that enters from θo, or T(λ, θo) for sources below the stack.
 
-use crate::dense;
 use crate::stack::{Stack, StackError};
 use crate::wave::WaveError;
+use crate::{dense, ensemble};
 
 /// Where the light is scattered.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -34,14 +34,14 @@ pub fn radiance(
     wavelengths: &[f64],
     angles: &[f64],
 ) -> Result<Vec<Vec<f64>>, StackError> {
-    let members = if stack.is_irregular() { members.max(1) } else { 1 };
+    let members = ensemble::count(stack, members);
     let mut mean = vec![vec![0.0; wavelengths.len()]; angles.len()];
-    for member in 0..members {
-        let one = of_member(&stack.draw(seed, member)?, profile, wavelengths, angles)?;
+    let of = |member: &Stack| of_member(member, profile, wavelengths, angles);
+    ensemble::each_member(stack, seed, 0..members, of, |one| {
         for (mean, value) in mean.iter_mut().flatten().zip(one.iter().flatten()) {
             *mean += value / members as f64;
         }
-    }
+    })?;
     Ok(mean)
 }
 

@@ -41,7 +41,7 @@ pub fn mean(
     wavelengths: &[f64],
     angles: &[f64],
 ) -> Result<EnsembleMean, StackError> {
-    let members = if stack.is_irregular() { members.clamp(1, MOST_MEMBERS) } else { 1 };
+    let members = count(stack, members);
     let mut sums = Sums::new(wavelengths.len() * angles.len());
     sums.extend(stack, seed, 0..members, wavelengths, angles, None)?;
     Ok(sums.finish(wavelengths.len(), stack.is_irregular(), true))
@@ -71,9 +71,8 @@ pub fn mean_of(
 ) -> Result<EnsembleMean, StackError> {
     let mut sums = Sums::new(wavelengths.len() * angles.len());
     let mut next = match members {
-        _ if !stack.is_irregular() => 1,
-        Members::Count(count) => count.clamp(1, MOST_MEMBERS),
-        Members::ToAccuracy(_) => FIRST_BATCH,
+        Members::Count(members) => count(stack, members),
+        Members::ToAccuracy(_) => count(stack, FIRST_BATCH),
     };
     let is_irregular = stack.is_irregular();
     loop {
@@ -91,6 +90,29 @@ pub fn mean_of(
     }
 }
 
+/// Members that a stack has where so many are asked for: a regular stack is its own ensemble.
+pub(crate) fn count(stack: &Stack, members: u64) -> u64 {
+    if stack.is_irregular() { members.clamp(1, MOST_MEMBERS) } else { 1 }
+}
+
+/// Hands what `of` makes of each member to `add`, in the order of the members, so that sums do not depend on the threads.
+pub(crate) fn each_member<T: Send>(
+    stack: &Stack,
+    seed: u64,
+    members: std::ops::Range<u64>,
+    of: impl Fn(&Stack) -> Result<T, StackError> + Sync,
+    mut add: impl FnMut(T),
+) -> Result<(), StackError> {
+    const BATCH: u64 = 16;
+    for from in members.clone().step_by(BATCH as usize) {
+        let batch = (from..(from + BATCH).min(members.end)).into_par_iter();
+        let batch: Vec<T> =
+            batch.map(|member| of(&stack.draw(seed, member)?)).collect::<Result<_, StackError>>()?;
+        batch.into_iter().for_each(&mut add);
+    }
+    Ok(())
+}
+
 struct Sums {
     members: u64,
     r: Vec<f64>,
@@ -106,7 +128,6 @@ impl Sums {
         Self { members: 0, r: zeros(), r2: zeros(), t: zeros(), t2: zeros(), a: zeros() }
     }
 
-    /// Members are added in their order, so that the sums do not depend on the threads.
     fn extend(
         &mut self,
         stack: &Stack,
@@ -116,42 +137,32 @@ impl Sums {
         angles: &[f64],
         polarisation: Option<Polarisation>,
     ) -> Result<(), StackError> {
-        const BATCH: u64 = 16;
-        let mut from = members.start;
-        while from < members.end {
-            let to = (from + BATCH).min(members.end);
-            let batch: Vec<dense::Spectra> = (from..to)
-                .into_par_iter()
-                .map(|member| dense::spectra_for_means(&stack.draw(seed, member)?, wavelengths, angles, None))
-                .collect::<Result<_, _>>()?;
-            for spectra in &batch {
-                for angle in 0..angles.len() {
-                    let (r, t, a) = match polarisation {
-                        None => (
-                            spectra.unpolarised_reflectance(angle),
-                            spectra.unpolarised_transmittance(angle),
-                            spectra.unpolarised_absorptance(angle),
-                        ),
-                        Some(pol) => (
-                            spectra.reflectance(angle, pol).to_vec(),
-                            spectra.transmittance(angle, pol).to_vec(),
-                            spectra.absorptance(angle, pol),
-                        ),
-                    };
-                    for (i, ((r, t), a)) in r.iter().zip(t).zip(a).enumerate() {
-                        let at = angle * wavelengths.len() + i;
-                        self.a[at] += a;
-                        self.r[at] += r;
-                        self.r2[at] += r * r;
-                        self.t[at] += t;
-                        self.t2[at] += t * t;
-                    }
+        self.members = members.end;
+        let of = |member: &Stack| dense::spectra_for_means(member, wavelengths, angles, None);
+        each_member(stack, seed, members, of, |spectra| {
+            for angle in 0..angles.len() {
+                let (r, t, a) = match polarisation {
+                    None => (
+                        spectra.unpolarised_reflectance(angle),
+                        spectra.unpolarised_transmittance(angle),
+                        spectra.unpolarised_absorptance(angle),
+                    ),
+                    Some(pol) => (
+                        spectra.reflectance(angle, pol).to_vec(),
+                        spectra.transmittance(angle, pol).to_vec(),
+                        spectra.absorptance(angle, pol),
+                    ),
+                };
+                for (i, ((r, t), a)) in r.iter().zip(t).zip(a).enumerate() {
+                    let at = angle * wavelengths.len() + i;
+                    self.a[at] += a;
+                    self.r[at] += r;
+                    self.r2[at] += r * r;
+                    self.t[at] += t;
+                    self.t2[at] += t * t;
                 }
             }
-            from = to;
-        }
-        self.members = members.end;
-        Ok(())
+        })
     }
 
     /// Standard error of a mean, from the sum and the sum of squares.

@@ -30,9 +30,10 @@ pub struct Banded {
     pub rgb: [f64; 3],
     /// Tristimulus values of the single wavelengths, not clipped.
     pub xyz: Xyz,
-    /// What members and wavelengths leave open of the colour, ΔE00: two standard errors of an ensemble; of a regular stack half the
-    /// change where every second wavelength is left out. `None` where neither is known (one member of an irregular stack, an odd number of intervals).
-    pub sampling: Option<f64>,
+    /// Two standard errors of the colour by the members of an ensemble, ΔE00: 0 of a regular stack, `None` of one member of an irregular one.
+    pub noise: Option<f64>,
+    /// Change of the colour where every second wavelength is left out, ΔE00; `None` of an odd number of intervals.
+    pub change: Option<f64>,
     /// ΔE00 between the colour and that of the bands, read linearly between their centres.
     pub between_bands: f64,
 }
@@ -49,7 +50,7 @@ pub fn modulation(
     sampling: Sampling,
 ) -> Result<Vec<Banded>, StackError> {
     let wavelengths = sampling.wavelengths();
-    let coherent = Means::new(stack, sampling, |member| {
+    let coherent = Means::new(stack, sampling, angles.len(), |member| {
         let spectra = dense::spectra_for_means(member, &wavelengths, angles, None)?;
         Ok((0..angles.len()).map(|at| spectra.unpolarised_reflectance(at)).collect())
     })?;
@@ -69,8 +70,9 @@ pub fn emission(
     sampling: Sampling,
 ) -> Result<Vec<Banded>, StackError> {
     let wavelengths = sampling.wavelengths();
-    let radiance =
-        Means::new(stack, sampling, |member| emission::of_member(member, profile, &wavelengths, angles))?;
+    let radiance = Means::new(stack, sampling, angles.len(), |member| {
+        emission::of_member(member, profile, &wavelengths, angles)
+    })?;
     let row = |at: usize| {
         let mean = sampling.band_means(&radiance.mean[at]).iter().sum::<f64>() / sampling.bands as f64;
         let unit = if mean > 0.0 { mean } else { 1.0 };
@@ -89,67 +91,66 @@ struct Means {
     is_regular: bool,
 }
 
+impl Banded {
+    /// What members and wavelengths leave open of the colour, ΔE00, as far as both are known. Of noise the change has one standard error:
+    /// what exceeds two is of fringes that the wavelengths miss and all members share.
+    #[must_use]
+    pub fn sampling(&self) -> Option<f64> {
+        self.noise.zip(self.change).map(|(noise, change)| noise.max(change))
+    }
+}
+
 impl Means {
-    /// Spectra of each member, rows of angles, added in the order of the members, so that the sums do not depend on the threads.
+    /// Of the spectra of each member, rows of angles.
     fn new(
         stack: &Stack,
         sampling: Sampling,
+        angles: usize,
         of_member: impl Fn(&Stack) -> Result<Vec<Vec<f64>>, StackError> + Sync,
     ) -> Result<Self, StackError> {
-        const BATCH: u64 = 16;
-        let is_regular = !stack.is_irregular();
-        let members = if is_regular { 1 } else { sampling.members.clamp(1, ensemble::MOST_MEMBERS) };
-        let mut means = Self { mean: Vec::new(), colours: Vec::new(), is_regular };
-        for from in (0..members).step_by(BATCH as usize) {
-            let batch = (from..(from + BATCH).min(members)).into_par_iter().map(|member| {
-                let rows = of_member(&stack.draw(sampling.seed, member)?)?;
-                let colours = rows.iter().map(|row| colour::xyz(row)).collect();
-                Ok((rows, colours))
-            });
-            for (rows, colours) in batch.collect::<Result<Vec<(Vec<Vec<f64>>, Vec<Xyz>)>, StackError>>()? {
-                means.add(&rows, &colours, 1.0 / members as f64);
+        let members = ensemble::count(stack, sampling.members);
+        let share = 1.0 / members as f64;
+        let mut means = Self {
+            mean: vec![vec![0.0; sampling.bands * sampling.per_band + 1]; angles],
+            colours: vec![Vec::new(); angles],
+            is_regular: !stack.is_irregular(),
+        };
+        let of = |member: &Stack| -> Result<Vec<(Vec<f64>, Xyz)>, StackError> {
+            let with_colour = |row: Vec<f64>| {
+                let colour = colour::xyz(&row);
+                (row, colour)
+            };
+            Ok(of_member(member)?.into_iter().map(with_colour).collect())
+        };
+        ensemble::each_member(stack, sampling.seed, 0..members, of, |rows| {
+            for (at, (row, colour)) in rows.into_iter().enumerate() {
+                for (mean, value) in means.mean[at].iter_mut().zip(row) {
+                    *mean += share * value;
+                }
+                means.colours[at].push(colour);
             }
-        }
+        })?;
         Ok(means)
     }
 
-    fn add(&mut self, rows: &[Vec<f64>], colours: &[Xyz], share: f64) {
-        if self.mean.is_empty() {
-            self.mean = rows.iter().map(|row| vec![0.0; row.len()]).collect();
-            self.colours = vec![Vec::new(); rows.len()];
+    /// [`Banded::noise`] at an angle, in some unit.
+    fn noise(&self, at: usize, unit: f64) -> Option<f64> {
+        if self.is_regular {
+            return Some(0.0);
         }
-        for (mean, value) in self.mean.iter_mut().flatten().zip(rows.iter().flatten()) {
-            *mean += share * value;
-        }
-        for (all, colour) in self.colours.iter_mut().zip(colours) {
-            all.push(*colour);
-        }
+        let scaled = |xyz: &Xyz| xyz.map(|x| x / unit);
+        let colours: Vec<Xyz> = self.colours[at].iter().map(scaled).collect();
+        let mean = scaled(&colour::xyz(&self.mean[at]));
+        (colours.len() >= 2).then(|| 2.0 * colour::standard_error(&colours, mean))
     }
 
-    /// What is left open of the colour of the mean at an angle, in some unit.
-    fn left_open(&self, at: usize, unit: f64) -> Option<f64> {
-        let scaled = |xyz: Xyz| xyz.map(|x| x / unit);
+    /// [`Banded::change`] at an angle, in some unit.
+    fn change(&self, at: usize, unit: f64) -> Option<f64> {
         let row = &self.mean[at];
-        let mean = scaled(colour::xyz(row));
-        let from_mean = |xyz: Xyz| colour::delta_e_2000(colour::lab(mean), colour::lab(xyz));
-        if self.is_regular {
-            // Both ends are among every second one.
-            let every_second: Vec<f64> = row.iter().step_by(2).copied().collect();
-            return (row.len() > 2 && row.len() % 2 == 1)
-                .then(|| from_mean(scaled(colour::xyz(&every_second))));
-        }
-        let colours = &self.colours[at];
-        let members = colours.len() as f64;
-        if members < 2.0 {
-            return None;
-        }
-        // A member's distance from the mean is large for a colour difference: it is looked at on the scale of the mean's error.
-        let near = |member: &Xyz| {
-            let member = scaled(*member);
-            [0, 1, 2].map(|i: usize| mean[i] + (member[i] - mean[i]) / members.sqrt())
-        };
-        let squares: f64 = colours.iter().map(|member| from_mean(near(member)).powi(2)).sum();
-        Some(2.0 * (squares / (members - 1.0)).sqrt())
+        // Both ends are among every second one.
+        let every_second: Vec<f64> = row.iter().step_by(2).copied().collect();
+        let lab = |row: &[f64]| colour::lab(colour::xyz(row).map(|x| x / unit));
+        (row.len() > 2 && row.len() % 2 == 1).then(|| colour::delta_e_2000(lab(row), lab(&every_second)))
     }
 }
 
@@ -179,7 +180,8 @@ impl Sampling {
         let read = colour::xyz(&self.read_between(&bands));
         Banded {
             rgb: [0, 1, 2].map(|c| (rgb[c] / white[c]).clamp(0.0, most)),
-            sampling: means.left_open(at, unit),
+            noise: means.noise(at, unit),
+            change: means.change(at, unit),
             between_bands: colour::delta_e_2000(colour::lab(xyz), colour::lab(read)),
             bands,
             xyz,

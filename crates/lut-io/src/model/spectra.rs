@@ -45,8 +45,8 @@ pub struct Missing {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ColourError {
-    /// At the stored angles: two standard errors of an ensemble of irregular stacks, for a regular stack half the change where every
-    /// second wavelength is left out. None where it is not known.
+    /// At the stored angles: two standard errors of an ensemble of irregular stacks, or the change where every second wavelength is left
+    /// out, if that is more. None where it is not known.
     pub sampling: Option<f64>,
     /// Read linearly between angles.
     pub angles: f64,
