@@ -240,18 +240,18 @@ def binned(counts):
         held += count
         if held >= FEWEST:
             at, held = at + 1, 0
-    return np.minimum(index, max(at - 1, 0)), max(at, 1)
+    return np.minimum(index, at - 1), at
 
 
-def lobe_p(table, truth_cells, paths, own_paths):
+def lobe_p(cells, errors, truth_cells, paths, own_paths):
     """Probability of a χ² as large as that of a lobe; both samples' covariances are multinomial. None where no bin is full."""
-    index, bins = binned(truth_cells)
     if truth_cells.sum() < FEWEST:
         return None
+    index, bins = binned(truth_cells)
+
     def total(x):
         return np.bincount(index, x, bins)
 
-    cells, errors = table
     got, want = total(cells), total(truth_cells) / paths
     covariance = (np.diag(want) - np.outer(want, want)) / paths
     if own_paths:
@@ -262,28 +262,36 @@ def lobe_p(table, truth_cells, paths, own_paths):
     return float(stats.chi2.sf(z @ z, kept.sum()))
 
 
-def judge(folder, seed):
-    """("refused", line) or ("judged", [(solver, what, z or None, p)], request)."""
+def baked(folder, seed):
+    """Tables by solver, or the line of the refusal that is due."""
     recipe, theta_deg, effects = request(seed)
-    name, theta, mode = f"r{seed}", np.radians(theta_deg), recipe["azimuth"]["mode"]
-    text = folder / f"{name}.json"
+    mode, text = recipe["azimuth"]["mode"], folder / f"r{seed}.json"
     text.write_text(json.dumps(recipe))
     solvers = {"walk": ["--paths", PATHS[mode]], "doubling": ["--accuracy", DOUBLING_PERCENT[mode]]}
     if {"coherent_sheets", "polarisation"} & set(effects):
         del solvers["doubling"]
     tables = {}
     for solver, how in solvers.items():
-        path = folder / f"{name}-{solver}.exr"
+        path = folder / f"r{seed}-{solver}.exr"
         command = [BIN / "bake-brdf", text, "--solver", solver, "--incident-deg", theta_deg, "--cells", CELLS[mode], *how]
         command += ["--effects", ",".join(effects), "--seed", seed % 1000 + 2, "--threads", 1, "-q", "-o", path]
         done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
         if is_refused(recipe["stack"]):
             assert done.returncode == 2 and done.stderr.strip().count("\n") == 0 and not path.exists(), (seed, done)
-            return "refused", done.stderr.strip(), recipe
+            return done.stderr.strip()
         assert done.returncode == 0, f"seed {seed}, {recipe}: {done.stderr}"
-        tables[solver] = Table(path, theta)
+        tables[solver] = Table(path, np.radians(theta_deg))
+    return tables
 
+
+def judge(folder, seed):
+    """("refused", line, recipe) or ("judged", [(solver, what, z or None, p)], recipe)."""
+    recipe, theta_deg, effects = request(seed)
+    theta, mode = np.radians(theta_deg), recipe["azimuth"]["mode"]
     paths = PATHS[mode]
+    tables = baked(folder, seed)
+    if isinstance(tables, str):
+        return "refused", tables, recipe
     fate, out = Walk(recipe, effects).run(np.random.default_rng([seed, 77]), theta, paths)
     home = fate <= REHIT
     polar = np.arccos(np.clip(out[:, 2], -1, 1))
@@ -301,7 +309,7 @@ def judge(folder, seed):
             found.append((solver, what, z, 2 * stats.norm.sf(abs(z))))
 
         wanted = {"albedo": home, "transmitted": fate == TRANSMITTED, "absorbed": fate == ABSORBED,
-                  "surface": home & (fate != INTERIOR), "rehit": fate == REHIT}
+                  "surface": (fate == SINGLE) | (fate == REHIT), "rehit": fate == REHIT}
         for what, mask in wanted.items():
             want = mask.mean()
             if FEWEST / paths < want < 1 - FEWEST / paths:
@@ -318,9 +326,9 @@ def judge(folder, seed):
             for what, want, error in (("mean_theta_o_deg", angle.mean(), sd / np.sqrt(len(angle))),
                                       ("sd_theta_o_deg", sd, np.sqrt((fourth - sd**4) / len(angle)) / (2 * sd))):
                 compare(what, at[what], at["std_error"][what] if walked else spread, want, error)
-        for what, mask in (("interior", fate == INTERIOR), ("surface", (fate == SINGLE) | (fate == REHIT))):
+        for what, mask in (("interior", fate == INTERIOR), ("surface", wanted["surface"])):
             counts = np.histogramdd([place[mask] for place in places], table.edges)[0].T.ravel()
-            p = lobe_p((table.cells[what], table.errors[what]), counts, paths, at["paths"] if walked else 0)
+            p = lobe_p(table.cells[what], table.errors[what], counts, paths, at["paths"] if walked else 0)
             if p is not None:
                 found.append((solver, f"{what} lobe", None, p))
     return "judged", found, recipe

@@ -10,6 +10,9 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::Path;
 use std::process::Command;
 
+/// Without colours, which have tests of their own.
+const LOBE_ALONE: [&str; 2] = ["--effects", "surface,blur,azimuth,absorption"];
+
 fn bake(folder: &Path, args: &[&str]) -> Table {
     let output = tool(folder, args);
     assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
@@ -46,7 +49,7 @@ fn the_ledger_closes_for_every_kind_of_stack() {
     ] {
         for mode in ["decay", "space"] {
             let args = ["--paths", "2000", "--incident-deg", "0,30,89.9,90", "--azimuth", mode];
-            let args = [&args[..], &["--effects", "surface,blur,azimuth,absorption"]].concat();
+            let args = [&args[..], &LOBE_ALONE].concat();
             for row in &bake_recipe(text, &args).meta().per_incidence {
                 let sum = row.albedo + row.transmitted + row.absorbed + row.truncated;
                 assert!((sum - 1.0).abs() < 1e-12, "{text} {mode} {row:?}");
@@ -183,9 +186,8 @@ fn the_stored_interpolation_error_is_what_reading_half_way_misses() {
     for (mode, incidences) in
         [("decay", "0:80:20"), ("decay", "0:90:5"), ("space", "0:80:20"), ("space", "20,30,60")]
     {
-        let lobe_alone = ["--effects", "surface,blur,azimuth"];
         let exact = ["--azimuth", mode, "--solver", "doubling", "--accuracy", "0.5"];
-        let exact = [&exact[..], &lobe_alone].concat();
+        let exact = [&exact[..], &LOBE_ALONE].concat();
         let stored = |table: &Table| table.meta().accuracy.rows_percent;
         let solved = bake_recipe("{}", &[&exact[..], &["--incident-deg", incidences]].concat());
         let truth = error_half_way(&solved, &exact);
@@ -197,7 +199,7 @@ fn the_stored_interpolation_error_is_what_reading_half_way_misses() {
         if mode == "decay" {
             // A walk knows it as well, whatever its own noise.
             let few = ["--paths", "2000", "--incident-deg", incidences];
-            let walked = bake_recipe("{}", &[&few[..], &lobe_alone].concat());
+            let walked = bake_recipe("{}", &[&few[..], &LOBE_ALONE].concat());
             assert!((stored(&walked) / truth - 1.0).abs() < 0.1, "{incidences}: {} {truth}", stored(&walked));
         }
     }

@@ -219,15 +219,19 @@ fn first_count(stack: &Stack) -> Result<usize, StackError> {
     Ok(count)
 }
 
-/// Standard error of the mean of two colours at least, as ΔE00: √((n − 1)/n Σ ΔE²) over the means without one member (Tukey's jackknife).
-pub(crate) fn standard_error(members: &[Xyz], mean: Xyz) -> f64 {
+/// Standard error of the mean of the colours of an ensemble, as ΔE00: √((n − 1)/n Σ ΔE²) over the means without one member (Tukey's
+/// jackknife). 0 of a regular stack, `None` of one member of an irregular one.
+pub(crate) fn standard_error(members: &[Xyz], mean: Xyz, is_irregular: bool) -> Option<f64> {
+    if members.len() < 2 {
+        return (!is_irregular).then_some(0.0);
+    }
     let n = members.len() as f64;
     let whole = lab(mean);
     let square = |member: &Xyz| {
         let without = std::array::from_fn(|c| (n * mean[c] - member[c]) / (n - 1.0));
         delta_e_2000(whole, lab(without)).powi(2)
     };
-    ((n - 1.0) / n * members.iter().map(square).sum::<f64>()).sqrt()
+    Some(((n - 1.0) / n * members.iter().map(square).sum::<f64>()).sqrt())
 }
 
 /// XYZ of every member of an ensemble at one angle, and their mean. XYZ is linear in R: the mean's colour is the colour of the
@@ -250,10 +254,7 @@ impl EnsembleColour {
     }
 
     fn colour(&self, wavelengths: usize, change: f64, is_irregular: bool) -> StackColour {
-        let ensemble_error = match self.members.len() {
-            0 | 1 => (!is_irregular).then_some(0.0),
-            _ => Some(standard_error(&self.members, self.mean)),
-        };
+        let ensemble_error = standard_error(&self.members, self.mean, is_irregular);
         StackColour {
             xyz: self.mean,
             linear_srgb: linear_srgb(self.mean),

@@ -88,7 +88,7 @@ struct Means {
     /// Colours of the members, rows of angles.
     colours: Vec<Vec<Xyz>>,
     /// Whether the stack is its own ensemble.
-    is_regular: bool,
+    is_irregular: bool,
 }
 
 impl Banded {
@@ -113,7 +113,7 @@ impl Means {
         let mut means = Self {
             mean: vec![vec![0.0; sampling.bands * sampling.per_band + 1]; angles],
             colours: vec![Vec::new(); angles],
-            is_regular: !stack.is_irregular(),
+            is_irregular: stack.is_irregular(),
         };
         let of = |member: &Stack| -> Result<Vec<(Vec<f64>, Xyz)>, StackError> {
             let with_colour = |row: Vec<f64>| {
@@ -135,13 +135,10 @@ impl Means {
 
     /// [`Banded::noise`] at an angle, in some unit.
     fn noise(&self, at: usize, unit: f64) -> Option<f64> {
-        if self.is_regular {
-            return Some(0.0);
-        }
         let scaled = |xyz: &Xyz| xyz.map(|x| x / unit);
         let colours: Vec<Xyz> = self.colours[at].iter().map(scaled).collect();
         let mean = scaled(&colour::xyz(&self.mean[at]));
-        (colours.len() >= 2).then(|| 2.0 * colour::standard_error(&colours, mean))
+        colour::standard_error(&colours, mean, self.is_irregular).map(|error| 2.0 * error)
     }
 
     /// [`Banded::change`] at an angle, in some unit.
