@@ -78,7 +78,7 @@ pub struct Stack {
     /// An explicit list of layers, outermost first, in place of `layers`, `aragonite` and `conchiolin`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub explicit: Option<Vec<Layer>>,
-    /// Allows k < 0 (gain) in `thinfilm`; a bake refuses it.
+    /// Allows k < 0 (gain) in layers in `thinfilm`; a bake refuses it.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub gain: bool,
     /// Where the emission, the light of incoherent interference, comes from.

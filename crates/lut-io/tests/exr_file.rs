@@ -395,6 +395,14 @@ fn the_bytes_of_a_small_table_do_not_change_between_versions() {
             std_error: vec![0.125, 0.0],
             count: vec![3.0, 4.0],
         });
+        let meta = &mut parts.meta;
+        meta.recipe["schema"] = "pearl-recipe/1".into();
+        (meta.accuracy.reached_percent, meta.accuracy.solver_percent) = (0.9, 0.8);
+        let summary = &mut meta.per_incidence[0];
+        (summary.mean_theta_o_deg, summary.sd_theta_o_deg, summary.skew_theta_o) = (0.0, 8.5, 0.1);
+        let error = &mut summary.std_error;
+        error.surface = error.albedo;
+        (error.mean_theta_o_deg, error.sd_theta_o_deg, error.skew_theta_o) = (0.01, 0.01, 0.004);
     });
     let bytes = encode(&table).unwrap();
     assert_eq!((bytes.len(), fingerprint(&bytes)), (1947, 11_460_639_650_934_958_686));

@@ -570,6 +570,50 @@ fn a_dispersed_lobe_is_that_of_the_band_and_linear_between() {
 }
 
 #[test]
+fn what_mixing_takes_below_zero_is_cut_from_the_albedo_as_from_the_light() {
+    let (table, _) = dispersed(with_spectra(specimen::plane(&incidences(), 96)));
+    // Red is the own band less the blue one, whose light is moved by three cells: on one side there is less than none.
+    let table = specimen::changed(&table, |parts| {
+        parts.meta.dispersion.as_mut().unwrap().rgb_weights =
+            vec![[2.5, 0.2, 1.0], [-1.5, 0.4, 0.0], [0.0, 0.4, 0.0]];
+        parts.bands[0][0].value.chunks_exact_mut(96).for_each(|row| row.rotate_right(3));
+    });
+    let bsdf = bsdf(&table, Controls::default());
+    for degrees in [25.0_f64, 60.0] {
+        let theta = degrees.to_radians();
+        let wi = direction(theta, PI);
+        let (rings, turns) = (1500, 150);
+        let (mut blur, mut base) = ([0.0; 3], [0.0; 3]);
+        let mut dark = 0;
+        for ring in 0..rings {
+            let theta_o = 0.5 * PI * (f64::from(ring) + 0.5) / f64::from(rings);
+            let weight = 0.5 * PI / f64::from(rings) * 2.0 * PI / f64::from(turns) * theta_o.sin();
+            for turn in 0..turns {
+                let light =
+                    bsdf.eval_seen(wi, direction(theta_o, PI * (f64::from(turn) + 0.5) / f64::from(turns)));
+                dark += i32::from(light.blur[0] == 0.0);
+                for c in 0..3 {
+                    blur[c] += weight * light.blur[c];
+                    base[c] += weight * (light.diffuse[c] + light.incoherent[c]);
+                }
+            }
+        }
+        assert!(dark > 1000, "{dark}");
+        let [diffuse, incoherent, _, seen] = bsdf.directional_albedo_seen(theta);
+        for c in 0..3 {
+            // The midpoint rule at kinks, and the coarser rule for what is cut.
+            assert!(
+                (blur[c] - seen[c]).abs() < 2e-3 * seen[c] + 1e-5,
+                "{degrees} {c}: {} {}",
+                blur[c],
+                seen[c]
+            );
+            assert!((base[c] - diffuse[c] - incoherent[c]).abs() < 1e-3, "{degrees} {c}");
+        }
+    }
+}
+
+#[test]
 fn a_dispersed_lobe_is_sampled_without_bias_and_reflects_no_more_than_it_receives() {
     for table in tables().map(with_spectra) {
         let (table, _) = dispersed(table);

@@ -12,8 +12,8 @@ MIN_SLOPE_SD = 1e-4
 #: Beyond this many σ the normal distribution has no mass that sums would see.
 FAR = 8.0
 
-_ALONG = np.polynomial.legendre.leggauss(48)
-_ACROSS = np.polynomial.legendre.leggauss(24)
+_ALONG = np.polynomial.legendre.leggauss(128)
+_ACROSS = np.polynomial.legendre.leggauss(32)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ _DARKEST = 1e30
 #: Grid on which hemispherical integrals are known at least (as in the crate lut-io): largest step, and step as a
 #: share of hypot(w, distance of θi to 0 or 90°).
 _LARGEST_STEP = np.radians(0.5)
-_RELATIVE_STEP = 0.05
+_RELATIVE_STEP = 0.02
 _MIN_STEPS = 4
 #: In integrals over the lobes a point for so much of a smooth piece, radians, and the most points a piece.
 _REACH = np.radians(1.0)
@@ -108,7 +108,7 @@ class Table:
     def span_steps(self):
         """Steps of every span of θi at which what is read over the albedo is known: more where rows are many widths apart."""
         longest = np.diff(self.spans).max()
-        return 64 << int(np.clip(np.ceil(np.log2(np.sqrt(longest / self.axis.width)) - 1e-6), 0, 4))
+        return 128 << int(np.clip(np.ceil(np.log2(np.sqrt(longest / self.axis.width)) - 1e-6), 0, 4))
 
     def width_at(self, theta_i):
         """w of the decay postulate, linear between incidences."""

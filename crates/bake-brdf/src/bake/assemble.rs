@@ -22,6 +22,9 @@ use rayon::prelude::*;
 use transport::doubling::{self, Lobe as SolvedLobe, Solution};
 use transport::{Normals, Transport};
 
+/// Who writes tables.
+pub(super) const WRITER: &str = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
+
 /// What a solver knows of one incidence.
 pub(super) struct Incidence {
     pub(super) summary: IncidenceSummary,
@@ -97,7 +100,7 @@ pub(super) fn table(
     let exit_axis = request.exit_axis();
     let meta = Meta {
         schema: SCHEMA.to_owned(),
-        writer: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned(),
+        writer: WRITER.to_owned(),
         recipe: request.recipe.to_json(),
         seed: request.options.seed,
         solver,
@@ -339,19 +342,24 @@ pub(super) fn solved(
             &per_incidence,
         ),
         solver_settings,
-        surface_model: SurfaceModel {
-            n_ambient: transport.indices[0],
-            n_first: transport.indices[1],
-            slope_sd: transport.facets.slope_sd,
-            normals: match transport.facets.normals {
-                Normals::Unweighted => lut_io::table::Normals::Unweighted,
-                Normals::Visible => lut_io::table::Normals::Visible,
-            },
-        },
+        surface_model: surface_model(transport),
         incoherent: None,
         per_incidence,
     };
     Solved { band, lobes }
+}
+
+/// Interface 0 for the closed form.
+pub(super) fn surface_model(transport: &Transport) -> SurfaceModel {
+    SurfaceModel {
+        n_ambient: transport.indices[0],
+        n_first: transport.indices[1],
+        slope_sd: transport.facets.slope_sd,
+        normals: match transport.facets.normals {
+            Normals::Unweighted => lut_io::table::Normals::Unweighted,
+            Normals::Visible => lut_io::table::Normals::Visible,
+        },
+    }
 }
 
 /// Stored values, errors and counts of one component at one incidence.

@@ -2,7 +2,7 @@
 
 use lut_io::axis::{ExitAxis, MAX_WIDTH, Stretched};
 use transport::Geometry;
-use transport::doubling::{Basis, Matrix, Solution};
+use transport::doubling::{Matrix, SingleReflection, Solution};
 
 /// Columns of a plane table: cells of 0.07 σ-widths at the lobe's centre keep the reading error near 5e-4.
 const PLANE_CELLS: usize = 128;
@@ -85,11 +85,10 @@ impl CellRule {
 
     /// Integral of the single reflection over each cell. In space its ridge in φ may be narrower than a cell near the horizon: cells
     /// are divided there.
-    pub(super) fn single_shares(&self, solution: &Solution, incidence: usize, basis: &Basis) -> Vec<f64> {
+    pub(super) fn single_shares(&self, lobe: &SingleReflection) -> Vec<f64> {
         if self.sectors.is_empty() {
-            return self.shares(&solution.single(incidence, basis));
+            return self.shares(&Matrix::from_fn(self.angles.len(), 1, |k, _| lobe.plane(self.angles[k])));
         }
-        let lobe = solution.single_reflection(incidence);
         let columns = self.columns;
         let mut shares = vec![0.0; self.rows * columns];
         let points = self.angles.len() / columns;
@@ -137,7 +136,7 @@ pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize
     };
     let interior = scaled(rule.shares(&solution.interior(incidence, &basis)), lobe.albedo - lobe.surface);
     let rehit = scaled(rule.shares(&solution.rehit(incidence, &basis)), lobe.rehit);
-    let single = scaled(rule.single_shares(solution, incidence, &basis), lobe.surface - lobe.rehit);
+    let single = scaled(rule.single_shares(solution.single_reflection(incidence)), lobe.surface - lobe.rehit);
     let surface = single.iter().zip(&rehit).map(|(single, rehit)| single + rehit).collect();
     [interior, surface, rehit]
 }
@@ -175,9 +174,8 @@ mod tests {
             let theta_i = degrees.to_radians();
             let solution = doubling::solve(&transport, Geometry::Space, &[theta_i], &settings).unwrap();
             let rule = CellRule::new(&axis, theta_i);
-            let basis = solution.basis(&rule.angles, &rule.azimuths);
-            let found = rule.single_shares(&solution, 0, &basis);
             let lobe = solution.single_reflection(0);
+            let found = rule.single_shares(lobe);
             let (thetas, phis) = (axis.columns_at(theta_i).edges(), axis.phi_at(theta_i).unwrap().edges());
             let fine = |edges: &[f64], parts: usize, part: usize| {
                 let (cell, part) = (part / parts, part % parts);

@@ -7,6 +7,7 @@ mod choice;
 mod effort;
 mod grid;
 mod halfway;
+pub mod implied;
 mod placing;
 mod reading;
 pub mod reproduce;

@@ -42,7 +42,7 @@ pub(super) fn of(
         }
         let mut tabulated = side.interior(i, &basis);
         tabulated += &side.rehit(i, &basis);
-        let single = rule.single_shares(side, i, &basis);
+        let single = rule.single_shares(side.single_reflection(i));
         rule.shares(&tabulated).iter().zip(single).map(|(share, single)| share + single).collect()
     };
     second_side(request, transport, axis, [&solution.lobes, &below.lobes], &accuracy, &rows)

@@ -12,7 +12,7 @@ use terminal::Stop;
   pearl preview pearl.exr -o pictures         sphere and swatch, one picture a component, and the sum
   pearl eval pearl.exr --input dirs.jsonl     {\"wi\":[0,0,1],\"wo\":[0.1,0,0.995]} a line, - for stdin
   pearl sample pearl.exr --wi 0.5,0,0.866 -n 1000 --seed 7
-  pearl furnace pearl.exr --json              directional albedo; exit 3 if it exceeds 1 + 1e-4
+  pearl furnace pearl.exr --json              a white surrounding as it is seen; exit 3 if it exceeds 1 + 1e-4
   pearl preview pearl.exr --coherence 1 --depth 0.8 --body-rgb 0.1,0.1,0.12 -o black")]
 pub(crate) struct Cli {
     #[command(subcommand)]
@@ -27,7 +27,8 @@ pub(crate) enum Command {
     Eval(EvalArgs),
     /// Draw exit directions for one wi: JSON lines.
     Sample(SampleArgs),
-    /// Directional albedo over the angle of incidence; exit 3 if a channel exceeds 1 + 1e-4.
+    /// What a viewer sees of a white surrounding (the integral of what `eval` prints), and what leaves of light that arrives, over the
+    /// angle; exit 3 if a channel of either exceeds 1 + 1e-4.
     Furnace(FurnaceArgs),
     /// Pictures of a sphere and a swatch under a distant light and a sky, as PNG.
     Preview(PreviewArgs),
@@ -72,7 +73,7 @@ pub(crate) struct SampleArgs {
 pub(crate) struct FurnaceArgs {
     #[command(flatten)]
     pub(crate) pearl: Pearl,
-    /// Steps in the angle of incidence from 0 to 90 degrees.
+    /// Steps in the angle from 0 to 90 degrees.
     #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u16).range(1..=900))]
     pub(crate) steps: u16,
 }

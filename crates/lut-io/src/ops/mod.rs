@@ -2,6 +2,8 @@
 
 pub mod check;
 pub mod diff;
+mod explain;
 pub mod fit;
+mod moments;
 pub mod reciprocity;
 pub mod symmetrise;

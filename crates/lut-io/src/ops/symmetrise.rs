@@ -18,6 +18,7 @@ use crate::model::measure;
 use crate::model::reciprocal::{self, Reciprocal, STEPS};
 use crate::model::table::{Component, IncidenceSummary, Lobe, Parts, Table};
 use crate::ops::diff;
+use crate::ops::moments::Moments;
 use crate::read::lobe::{Interpolant, Row, bracket};
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -59,7 +60,7 @@ pub fn symmetrised(table: &Table) -> Result<Table, FieldError> {
     let mut parts = lobe.table().clone().into_parts();
     parts.lobes =
         Component::ALL.map(|component| with_values(table.lobe(component), scaled_kernel(&lobe, component)));
-    restate_moments(&mut parts);
+    let mut parts = with_moments(&Table::new(parts)?);
     parts.meta.reciprocal = Some(Reciprocal {
         moved_percent: 0.0,
         albedo_percent: 0.0,
@@ -249,35 +250,17 @@ fn with_values(lobe: &Lobe, values: Vec<f64>) -> Lobe {
     Lobe { std_error: std_error.collect(), count: lobe.count.clone(), value }
 }
 
-/// Mean, standard deviation and skewness of the exit angle of all reflected light, from the cells.
-fn restate_moments(parts: &mut Parts) {
-    let Parts { meta, lobes: [interior, surface, _], .. } = parts;
-    let axis = meta.exit_axis;
-    let cells = axis.cells();
-    for (i, summary) in meta.per_incidence.iter_mut().enumerate() {
-        let theta_i = summary.theta_i_deg.to_radians();
-        let angles = axis.columns_at(theta_i).centres();
-        // In decay tables the moments are those of the plane walk, whose density is value over angle.
-        let extents = measure::cell_extents(&axis, theta_i);
-        let light: Vec<(f64, f64)> = (0..cells)
-            .map(|k| {
-                let value =
-                    f64::from(interior.value[i * cells + k]) + f64::from(surface.value[i * cells + k]);
-                (angles[k % angles.len()], value * extents[k])
-            })
-            .collect();
-        let total: f64 = light.iter().map(|(_, mass)| mass).sum();
-        if total <= 0.0 {
-            continue;
+/// The table with the moments of the exit angle that its cells have.
+fn with_moments(table: &Table) -> Parts {
+    let mut parts = table.clone().into_parts();
+    for (i, summary) in parts.meta.per_incidence.iter_mut().enumerate() {
+        if let Some(Moments { moments: [mean, sd, skew], .. }) = Moments::of_cells(table, i, 0.0) {
+            summary.mean_theta_o_deg = mean.to_degrees();
+            summary.sd_theta_o_deg = sd.to_degrees();
+            summary.skew_theta_o = skew;
         }
-        let mean = light.iter().map(|(angle, mass)| angle * mass).sum::<f64>() / total;
-        let moment =
-            |n: i32| light.iter().map(|(angle, mass)| (angle - mean).powi(n) * mass).sum::<f64>() / total;
-        let sd = moment(2).sqrt();
-        summary.mean_theta_o_deg = mean.to_degrees();
-        summary.sd_theta_o_deg = sd.to_degrees();
-        summary.skew_theta_o = if sd > 0.0 { moment(3) / sd.powi(3) } else { 0.0 };
     }
+    parts
 }
 
 /// Light as read at the larger angle less its albedo, at one θi: of interior and of rehit, and all light over all albedo.

@@ -29,8 +29,8 @@ use std::sync::Arc;
 /// Largest step in θi between known integrals, radians.
 const LARGEST_STEP: f64 = 0.5 * PI / 180.0;
 /// The same as a share of hypot(w, distance of θi to 0 or 90°): there the weights bend on that scale, and a chord
-/// keeps a share of 0.05²/8 = 3e-4 of the integral as error.
-const RELATIVE_STEP: f64 = 0.05;
+/// keeps a share of 0.02²/8 = 5e-5 of the integral as error.
+const RELATIVE_STEP: f64 = 0.02;
 /// Fewest steps between two incidences; four chords keep a sixteenth of a bend.
 const MIN_STEPS: usize = 4;
 

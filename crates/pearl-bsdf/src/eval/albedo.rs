@@ -3,11 +3,12 @@
 use super::colours::Viewer;
 use super::{AtBand, PearlBsdf};
 use crate::facets::Rules;
-use crate::lobes::integral::{self, FINE};
+use crate::lobes::integral::{self, COARSE, FINE};
 use crate::numerics::curve::{Curve, Place};
 
 impl PearlBsdf {
-    /// Directional albedo at θi (radians, below π/2) of each component, shown or not, linear sRGB, in the order of
+    /// Directional albedo at θi (radians, below π/2) of each component, shown or not (what mixing of bands takes below 0 is cut where it
+    /// is shown), linear sRGB, in the order of
     /// [`crate::Components::NAMES`]: the integral of [`Self::eval`] over the exit hemisphere, by quadrature.
     #[must_use]
     pub fn directional_albedo(&self, theta_i: f64) -> [[f64; 3]; 4] {
@@ -23,7 +24,28 @@ impl PearlBsdf {
 
     fn albedo(&self, theta_i: f64, viewer: Viewer) -> [[f64; 3]; 4] {
         let of = |band: AtBand<'_>| band.albedo(theta_i, viewer, &self.prepared.mean_weights);
-        if self.is_dispersed() { self.mixed(of) } else { of(self.own()) }
+        if !self.is_dispersed() {
+            return of(self.own());
+        }
+        let mut albedo = self.mixed(of);
+        for (albedo, cut) in albedo.iter_mut().flatten().zip(self.cut_off(theta_i, viewer).as_flattened()) {
+            *albedo += cut;
+        }
+        albedo
+    }
+
+    /// The light below 0 that mixing of bands leaves in single directions, and that an evaluation cuts off.
+    fn cut_off(&self, theta_i: f64, viewer: Viewer) -> [[f64; 3]; 4] {
+        let (sin_i, cos_i) = theta_i.sin_cos();
+        let mut cut = [[0.0; 3]; 4];
+        integral::directions(&self.own().band.lobes, theta_i, COARSE, |o, phi, weight| {
+            let wo = [-o.sin * phi.cos(), -o.sin * phi.sin(), o.cos];
+            let parts = self.mixed(|band| band.eval([sin_i, 0.0, cos_i], wo, viewer).parts());
+            for (cut, part) in cut.iter_mut().flatten().zip(parts.as_flattened()) {
+                *cut += weight * (-part).max(0.0);
+            }
+        });
+        cut
     }
 }
 

@@ -266,7 +266,7 @@ impl PearlBsdf {
 impl AtBand<'_> {
     /// Linear sRGB of this band alone.
     #[inline(always)]
-    fn eval(&self, wi: Direction, wo: Direction, viewer: Viewer) -> Evaluation {
+    pub(super) fn eval(&self, wi: Direction, wo: Direction, viewer: Viewer) -> Evaluation {
         let Some(geometry) = self.geometry(wi, wo) else { return Evaluation::default() };
         self.shade(self.rgb, &geometry, self.lobes(&geometry), viewer)
     }

@@ -25,8 +25,25 @@ const MOST_POINTS: usize = 4;
 /// Hands out the light of the tabulated lobes piece by piece: cos θd and the masses of interior and rehit.
 pub(crate) fn integrate(lobes: &Lobes, theta_i: f64, points: Points, mut visit: impl FnMut(f64, [f64; 2])) {
     let i = Polar::at(theta_i);
-    let (sin_i, cos_i) = (i.sin, i.cos);
     let incidence = lobes.incidence(&i);
+    directions(lobes, theta_i, points, |o, phi, weight| {
+        let y2 = (0.5 * phi).sin().powi(2);
+        let light = lobes.light(&incidence, &i, o, y2).values;
+        // wi·wo = cos θi cos θo − sin θi sin θo cos φ.
+        let dot = i.cos * o.cos - i.sin * o.sin * (1.0 - 2.0 * y2);
+        visit((0.5 * (1.0 + dot)).max(0.0).sqrt(), light.map(|l| l * weight));
+    });
+}
+
+/// Hands out exit directions that resolve the tabulated lobes: the polar angle, φ in [0, π], and the solid angle on both sides of
+/// the plane of incidence.
+pub(crate) fn directions(
+    lobes: &Lobes,
+    theta_i: f64,
+    points: Points,
+    mut visit: impl FnMut(&Polar, f64, f64),
+) {
+    let incidence = lobes.incidence(&Polar::at(theta_i));
     let axis = &lobes.axis;
     let rules: Vec<_> = (1..=MOST_POINTS).map(gauss_legendre).collect();
     // |s| covers the plane's cells of both signs with one set of exits.
@@ -36,20 +53,13 @@ pub(crate) fn integrate(lobes: &Lobes, theta_i: f64, points: Points, mut visit: 
     let tabulated = axis.phi_at(theta_i).map(|phi| rule_between(kinks(&phi), &rules, points.azimuth));
     for (theta_o, weight_o) in rule_between(exits, &rules, points.exit) {
         let o = Polar::at(theta_o);
-        let (sin_o, cos_o) = (o.sin, o.cos);
         let decayed = tabulated.is_none().then(|| {
-            let width = lobes.decay_width(&incidence, sin_o);
+            let width = lobes.decay_width(&incidence, o.sin);
             let around = Stretched { lo: 0.0, centre: 0.0, hi: PI, width, cells: 14 };
             rule_between(kinks(&around), &rules, points.azimuth)
         });
         for &(phi, weight_phi) in tabulated.iter().chain(&decayed).flatten() {
-            let y2 = (0.5 * phi).sin().powi(2);
-            let light = lobes.light(&incidence, &i, &o, y2).values;
-            // Both sides of the plane of incidence.
-            let weight = 2.0 * weight_o * weight_phi * sin_o;
-            // wi·wo = cos θi cos θo − sin θi sin θo cos φ.
-            let dot = cos_i * cos_o - sin_i * sin_o * (1.0 - 2.0 * y2);
-            visit((0.5 * (1.0 + dot)).max(0.0).sqrt(), light.map(|l| l * weight));
+            visit(&o, phi, 2.0 * weight_o * weight_phi * o.sin);
         }
     }
 }

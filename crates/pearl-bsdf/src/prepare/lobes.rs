@@ -102,7 +102,7 @@ fn span_steps(spans: &[Span], width: f64) -> usize {
     let longest = spans.iter().map(|span| 1.0 / span.inverse).fold(0.0, f64::max);
     // Short of whole numbers by more than rounding.
     let finer = ((longest / width).sqrt().log2() - 1e-6).ceil().clamp(0.0, 4.0);
-    64 << finer as u32
+    128 << finer as u32
 }
 
 /// Values and sampling densities of every cell.
