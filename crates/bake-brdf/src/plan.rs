@@ -3,13 +3,17 @@
 //! Pearls of one recipe share a table that holds what any of them shows.
 
 use crate::bake::{self, BakeError, Bands, Observer, Request};
-use crate::effects::{Decisions, Effect, EffectError, EffectSet, View};
+use crate::effects::{Decision, Decisions, Effect, EffectError, EffectSet, View};
 use crate::options::{Options, SolverChoice};
 use crate::prices;
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::scene::Scene;
 use crate::spectra::{self, Wanted};
 use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+/// Why the effects of a pearl that no shape shows are off.
+pub const UNUSED: &str = "no shape shows this pearl";
 
 /// What something costs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -159,6 +163,56 @@ impl Plan {
     #[must_use]
     pub fn cost(&self) -> Cost {
         self.tables.iter().fold(Cost::default(), |sum, table| sum + table.cost)
+    }
+
+    /// The plan as JSON, schema `bake-plan/1`.
+    #[must_use]
+    pub fn report(&self) -> Value {
+        let pearl = |pearl: &PlannedPearl| {
+            let effect = |decision: &Decision| {
+                let cost = pearl.costs[decision.effect as usize];
+                let used = pearl.table.is_some();
+                let value = json!({
+                    "on": decision.on && used,
+                    "why": if used { decision.why.as_str() } else { UNUSED },
+                    "seconds": cost.seconds,
+                    "bytes": cost.bytes,
+                });
+                (decision.effect.name().to_owned(), value)
+            };
+            json!({
+                "id": pearl.id,
+                "used": pearl.table.is_some(),
+                "place": pearl.place,
+                "shapes": pearl.shapes,
+                "recipe": pearl.recipe.to_json(),
+                "recipe_from": pearl.recipe_from,
+                "azimuth": pearl.recipe.azimuth.mode,
+                "table": pearl.table,
+                "effects": pearl.decisions.all().iter().map(effect).collect::<Map<String, Value>>(),
+            })
+        };
+        let tables: Vec<Value> = self
+            .tables
+            .iter()
+            .map(|table| {
+                json!({
+                    "recipe": table.request.recipe.name,
+                    "effects": table.request.effects.names(),
+                    "solver": table.solver.name(),
+                    "seconds": table.cost.seconds,
+                    "bytes": table.cost.bytes,
+                })
+            })
+            .collect();
+        let cost = self.cost();
+        json!({
+            "schema": "bake-plan/1",
+            "pearls": self.pearls.iter().map(pearl).collect::<Vec<_>>(),
+            "tables": tables,
+            "seconds": cost.seconds,
+            "bytes": cost.bytes,
+        })
     }
 }
 

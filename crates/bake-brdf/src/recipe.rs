@@ -27,6 +27,22 @@ pub const MAX_BYTES: u64 = 16 << 20;
 /// Largest facet slope standard deviation, degrees.
 pub const MAX_SLOPE_SD_DEG: f64 = 45.0;
 
+/// The recipes that have a name: it may stand wherever a recipe's file may.
+pub const BUILT_IN: [(&str, &str); 6] = [
+    ("akoya", include_str!("../recipes/akoya.json")),
+    ("cosmetic-flake", include_str!("../recipes/cosmetic-flake.json")),
+    ("golden", include_str!("../recipes/golden.json")),
+    ("mother-of-pearl", include_str!("../recipes/mother-of-pearl.json")),
+    ("paper", include_str!("../recipes/paper.json")),
+    ("varnish", include_str!("../recipes/varnish.json")),
+];
+
+/// The JSON of a built-in recipe.
+#[must_use]
+pub fn built_in(name: &str) -> Option<&'static str> {
+    BUILT_IN.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}
+
 /// What a pearl is made of, and how it should look.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -753,6 +769,15 @@ fn within(field: &str, value: f64, lo: f64, hi: f64, unit: &str) -> Result<(), R
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn built_in_recipes_are_valid_and_bear_their_names() {
+        for (name, text) in BUILT_IN {
+            assert_eq!(Recipe::from_json(text).unwrap().name, name);
+            assert_eq!(built_in(name), Some(text));
+        }
+        assert_eq!(built_in("paper.json"), None);
+    }
 
     #[test]
     fn an_empty_recipe_is_the_papers_pearl() {

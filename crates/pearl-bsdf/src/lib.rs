@@ -38,3 +38,21 @@ pub use sample::Sample;
 
 /// A unit vector, or a linear sRGB triple where that is said.
 pub type Direction = [f64; 3];
+
+/// The direction of a vector of any length but 0; `None` for 0 and for what is not finite.
+///
+/// ```
+/// assert_eq!(pearl_bsdf::unit([0.0, 0.0, 1e-300]), Some([0.0, 0.0, 1.0]));
+/// assert_eq!(pearl_bsdf::unit([0.0, f64::NAN, 1.0]), None);
+/// ```
+#[must_use]
+pub fn unit(v: [f64; 3]) -> Option<Direction> {
+    // Scaled first, so that no square under- or overflows. (`max` passes over NaN.)
+    let size = v.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+    if size == 0.0 || v.iter().any(|x| !x.is_finite()) {
+        return None;
+    }
+    let scaled = v.map(|x| x / size);
+    let length = scaled.iter().map(|x| x * x).sum::<f64>().sqrt();
+    Some(scaled.map(|x| x / length))
+}

@@ -96,6 +96,8 @@ fn assert_same(bsdf: &PearlBsdf, wi: &[Direction], wo: &[Direction], numbers: &[
     bsdf.eval_seen_many(wi, wo, &mut seen);
     bsdf.pdf_many(wi, wo, &mut densities);
     bsdf.sample_many(wi, numbers, &mut samples);
+    let mut looked_at = vec![None; wi.len()];
+    bsdf.sample_seen_many(wi, numbers, &mut looked_at);
     for (k, (&wi, &wo)) in wi.iter().zip(wo).enumerate() {
         assert_eq!(bits(&values[k]), bits(&bsdf.eval(wi, wo)), "eval {wi:?} {wo:?}");
         assert_eq!(bits(&seen[k]), bits(&bsdf.eval_seen(wi, wo)), "eval_seen {wi:?} {wo:?}");
@@ -104,7 +106,10 @@ fn assert_same(bsdf: &PearlBsdf, wi: &[Direction], wo: &[Direction], numbers: &[
         let of_sample = |sample: Option<Sample>| {
             sample.map(|s| (s.wo.map(f64::to_bits), s.pdf.to_bits(), bits(&s.value)))
         };
-        assert_eq!(of_sample(samples[k]), of_sample(bsdf.sample(wi, u, v, w)), "sample {wi:?} {u} {v} {w}");
+        let sample = bsdf.sample(wi, u, v, w);
+        assert_eq!(of_sample(samples[k]), of_sample(sample), "sample {wi:?} {u} {v} {w}");
+        let sample = sample.map(|s| Sample { value: bsdf.eval_seen(wi, s.wo), ..s });
+        assert_eq!(of_sample(looked_at[k]), of_sample(sample), "sample_seen {wi:?} {u} {v} {w}");
     }
 }
 

@@ -131,6 +131,24 @@ pub fn spectra(stack: &Stack, wavelengths: &[f64], angles: &[f64]) -> Result<Spe
     Solver::new(stack, wavelengths, None, TOLERANCE)?.spectra(angles)
 }
 
+/// As [`spectra`], with indices given at each wavelength in place of those of the stack's materials.
+///
+/// # Errors
+/// As [`Stack::check`], [`Stack::check_indices`] and [`crate::wave::Multilayer::solve`]; not as many indices as wavelengths.
+pub fn spectra_of(
+    stack: &Stack,
+    wavelengths: &[f64],
+    indices: Vec<Indices>,
+    angles: &[f64],
+) -> Result<Spectra, StackError> {
+    if indices.len() != wavelengths.len() {
+        let why = format!("indices are given at {} wavelengths of {}", indices.len(), wavelengths.len());
+        return Err(WaveError::Unsuitable(why).into());
+    }
+    indices.iter().try_for_each(|indices| stack.check_indices(indices))?;
+    Solver::with_indices(stack, wavelengths, indices, None, TOLERANCE)?.spectra(angles)
+}
+
 /// As [`spectra`] within 1e-9 of the robust form: what a mean over many stacks or wavelengths is made of. Given `sources`, the
 /// strength in each layer from the ambient side down, with Σ source·∫|E|² dz in the same pass.
 pub(crate) fn spectra_for_means(
@@ -163,6 +181,8 @@ struct Solver<'a> {
     level: Level,
 }
 
+/// Tiles that are not worth another thread.
+const TILES_AT_ONCE: usize = 2;
 /// Most tiles that a thread takes without another being able to take over some of them: the last to finish keeps the others waiting.
 const TILES_IN_A_ROW: usize = 8;
 
@@ -190,6 +210,17 @@ impl<'a> Solver<'a> {
     ) -> Result<Self, StackError> {
         stack.check()?;
         let indices = wavelengths.iter().map(|&w| stack.indices(w)).collect::<Result<Vec<_>, _>>()?;
+        Self::with_indices(stack, wavelengths, indices, sources, tolerance)
+    }
+
+    fn with_indices(
+        stack: &'a Stack,
+        wavelengths: &'a [f64],
+        indices: Vec<Indices>,
+        sources: Option<&'a [f64]>,
+        tolerance: f64,
+    ) -> Result<Self, StackError> {
+        stack.check()?;
         if let (Some(sources), count) = (sources, stack.layer_count())
             && sources.len() as u128 != count
         {
@@ -262,14 +293,20 @@ impl<'a> Solver<'a> {
             robust_lanes: 0,
         };
         // Each tile writes into its part of the rows: no second pass, and the threads touch fresh memory together.
-        spectra.robust_lanes = Cut::tiles(&mut spectra)
-            .into_par_iter()
-            .with_max_len(TILES_IN_A_ROW)
-            .enumerate()
-            .map_init(Scratch::default, |scratch, (tile, cut)| {
-                self.tile(angles, &waves, tile * LANES, cut, scratch)
-            })
-            .try_reduce(|| 0, |a, b| Ok(a + b))?;
+        let tiles = Cut::tiles(&mut spectra);
+        let work = |scratch: &mut Scratch, (tile, cut)| self.tile(angles, &waves, tile * LANES, cut, scratch);
+        spectra.robust_lanes = if tiles.len() <= TILES_AT_ONCE {
+            // Waking a thread takes longer.
+            let mut scratch = Scratch::default();
+            tiles.into_iter().enumerate().map(|tile| work(&mut scratch, tile)).sum::<Result<_, _>>()?
+        } else {
+            tiles
+                .into_par_iter()
+                .with_max_len(TILES_IN_A_ROW)
+                .enumerate()
+                .map_init(Scratch::default, work)
+                .try_reduce(|| 0, |a, b| Ok(a + b))?
+        };
         Ok(spectra)
     }
 
@@ -321,7 +358,7 @@ impl<'a> Solver<'a> {
             robust += 1;
             let (angle, wavelength) =
                 ((first + lane) / self.wavelengths.len(), (first + lane) % self.wavelengths.len());
-            self.robust(angles[angle], self.wavelengths[wavelength], &slow, lane, &mut result)?;
+            self.robust(angles[angle], wavelength, &slow, lane, &mut result)?;
         }
         cut.fill(&result);
         Ok(robust)
@@ -330,12 +367,13 @@ impl<'a> Solver<'a> {
     fn robust(
         &self,
         theta: f64,
-        lambda: f64,
+        wavelength: usize,
         polarisations: &[Polarisation],
         lane: usize,
         result: &mut TileResult,
     ) -> Result<(), StackError> {
-        let multilayer = self.stack.at(lambda)?;
+        let (lambda, multilayer) =
+            (self.wavelengths[wavelength], self.stack.with_indices(&self.indices[wavelength]));
         let incidence = Incidence::Angle(theta);
         for &polarisation in polarisations {
             let pol = polarisation as usize;

@@ -185,21 +185,49 @@ impl Stack {
         let index = |material: &Material, medium: &dyn Fn() -> String| {
             material.index(wavelength).map_err(|source| StackError::Material { medium: medium(), source })
         };
-        let layer = |(at, material): (usize, &Material)| {
-            let medium = || format!("material {}", at + 1);
-            let index = index(material, &medium)?;
-            if index.im < 0.0 && self.gain == Gain::Refused {
-                return Err(WaveError::Gain { medium: medium(), k: index.im }.into());
-            }
-            Ok::<_, StackError>(index)
-        };
+        let layer = |(at, material): (usize, &Material)| index(material, &|| material_name(at));
         let indices = Indices {
             ambient: index(&self.ambient, &|| "the ambient".to_owned())?,
             materials: self.materials.iter().enumerate().map(layer).collect::<Result<_, _>>()?,
             substrate: index(&self.substrate, &|| "the substrate".to_owned())?,
         };
-        check_half_spaces(indices.ambient, indices.substrate)?;
+        self.check_gain(&indices)?;
         Ok(indices)
+    }
+
+    /// Checks indices that are given in place of those of the materials.
+    ///
+    /// # Errors
+    /// Not as many as materials, one that is not finite or whose n is not positive, negative k as for [`Stack::indices`].
+    pub fn check_indices(&self, indices: &Indices) -> Result<(), StackError> {
+        let (found, expected) = (indices.materials.len(), self.materials.len());
+        if found != expected {
+            let why = format!("{found} indices are given for {expected} materials");
+            return Err(WaveError::Unsuitable(why).into());
+        }
+        let media = [&indices.ambient, &indices.substrate].into_iter().chain(&indices.materials);
+        let is_index = |index: &Complex64| index.is_finite() && index.re > 0.0;
+        if let Some((at, index)) = media.enumerate().find(|(_, index)| !is_index(index)) {
+            let medium = match at {
+                0 => "the ambient".to_owned(),
+                1 => "the substrate".to_owned(),
+                material => material_name(material - 2),
+            };
+            let why = format!(
+                "{medium} has n = {} and k = {}; n must be positive, both finite",
+                index.re, index.im
+            );
+            return Err(WaveError::Unsuitable(why).into());
+        }
+        self.check_gain(indices)
+    }
+
+    fn check_gain(&self, indices: &Indices) -> Result<(), StackError> {
+        let amplifies = |(_, index): &(usize, &Complex64)| index.im < 0.0 && self.gain == Gain::Refused;
+        if let Some((at, index)) = indices.materials.iter().enumerate().find(amplifies) {
+            return Err(WaveError::Gain { medium: material_name(at), k: index.im }.into());
+        }
+        Ok(check_half_spaces(indices.ambient, indices.substrate)?)
     }
 
     /// The stack at one wavelength (metres), mean thicknesses.
@@ -208,16 +236,25 @@ impl Stack {
     /// As [`Stack::check`] and [`Stack::indices`].
     pub fn at(&self, wavelength: f64) -> Result<Multilayer, StackError> {
         self.check()?;
-        let Indices { ambient, materials, substrate } = self.indices(wavelength)?;
+        Ok(self.with_indices(&self.indices(wavelength)?))
+    }
+
+    /// The stack of these indices, mean thicknesses; stack and indices are checked.
+    #[must_use]
+    pub fn with_indices(&self, indices: &Indices) -> Multilayer {
         let run = |run: &StackRun| Run {
             unit: run
                 .unit
                 .iter()
-                .map(|layer| Layer { index: materials[layer.material], thickness: layer.thickness })
+                .map(|layer| Layer { index: indices.materials[layer.material], thickness: layer.thickness })
                 .collect(),
             repeat: run.repeat,
         };
-        Ok(Multilayer { ambient, runs: self.runs.iter().map(run).collect(), substrate })
+        Multilayer {
+            ambient: indices.ambient,
+            runs: self.runs.iter().map(run).collect(),
+            substrate: indices.substrate,
+        }
     }
 
     /// Member `member` of the ensemble that `seed` names: every layer's thickness drawn from a normal distribution,
@@ -243,6 +280,10 @@ impl Stack {
         });
         Ok(Self { runs: vec![StackRun { unit: unit.collect(), repeat: 1 }], ..self.clone() })
     }
+}
+
+fn material_name(at: usize) -> String {
+    format!("material {}", at + 1)
 }
 
 /// Indices of a stack's media at one wavelength.

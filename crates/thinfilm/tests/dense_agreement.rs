@@ -95,3 +95,28 @@ fn a_pearl_is_done_by_the_fast_path() {
         assert!(robust * 200 < wavelengths.len() * angles.len(), "k {k}, sd {sd}: {robust} robust lanes");
     }
 }
+
+#[test]
+fn indices_that_are_given_stand_for_those_of_the_materials() {
+    let mut random = StdRng::seed_from_u64(5);
+    let wavelengths = [400e-9, 550e-9, 700e-9];
+    let angles = [0.0, 0.7];
+    for _ in 0..50 {
+        let stack = random_stack(&mut random);
+        let indices: Vec<_> = wavelengths.iter().map(|w| stack.indices(*w).unwrap()).collect();
+        let expected = dense::spectra(&stack, &wavelengths, &angles).unwrap();
+        let blank =
+            Stack { materials: vec![Material::constant(9.0); stack.materials.len()], ..stack.clone() };
+        assert_eq!(dense::spectra_of(&blank, &wavelengths, indices.clone(), &angles).unwrap(), expected);
+        // One for each wavelength, and for each material.
+        assert!(dense::spectra_of(&blank, &wavelengths[..2], indices.clone(), &angles).is_err());
+        let mut short = indices.clone();
+        short[1].materials.pop();
+        assert!(dense::spectra_of(&blank, &wavelengths, short, &angles).is_err());
+        for wrong in [num_complex::Complex64::new(0.0, 0.0), num_complex::Complex64::new(1.5, -0.1)] {
+            let mut bad = indices.clone();
+            bad[2].materials[0] = wrong;
+            assert!(dense::spectra_of(&blank, &wavelengths, bad, &angles).is_err(), "{wrong}");
+        }
+    }
+}

@@ -75,6 +75,8 @@ fn rust() -> Result<()> {
         "xtask",
         "--exclude",
         "specimen",
+        "--exclude",
+        "nacre-python",
         "--no-verify",
         "--allow-dirty",
         "--quiet",
@@ -90,6 +92,7 @@ fn python_checks(folder: &str) -> Result<()> {
     let everything = ["build", "--release", "--workspace", "--bins", "--tests", "--examples"];
     step("release build", cargo(&everything))?;
     let python = python::environment()?;
+    python::package(&python)?;
     let mut pytest = Command::new(python);
     // Two files at a time: a test seldom keeps two cores busy by itself.
     pytest.args(["-m", "pytest", "-q", "-rsP", "-n", "2", "--dist", "loadfile", folder]).current_dir(root());

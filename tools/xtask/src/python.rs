@@ -28,6 +28,37 @@ pub(crate) fn environment() -> Result<PathBuf> {
     Ok(python)
 }
 
+/// Checks the package `nacre`, builds its wheel from what is compiled already, and installs it.
+pub(crate) fn package(python: &Path) -> Result<()> {
+    let (folder, wheels) = (root().join("crates/python"), root().join("target/wheels"));
+    let module = |arguments: &[&str]| {
+        let mut command = Command::new(python);
+        command.arg("-m").args(arguments).current_dir(&folder);
+        command
+    };
+    step("python lints", module(&["ruff", "check", "."]))?;
+    step("python types", module(&["mypy", "nacre"]))?;
+    // Of other versions, which pip would choose from.
+    if wheels.exists() {
+        std::fs::remove_dir_all(&wheels)?;
+    }
+    let mut build = module(&["maturin", "build", "--release", "--locked", "--quiet", "--out"]);
+    build.arg(&wheels);
+    step("wheel", build)?;
+    let mut install = module(&[
+        "pip",
+        "install",
+        "--quiet",
+        "--disable-pip-version-check",
+        "--no-deps",
+        "--force-reinstall",
+    ]);
+    for wheel in std::fs::read_dir(&wheels).context("target/wheels")? {
+        install.arg(wheel?.path());
+    }
+    step("package", install)
+}
+
 /// Dr.Jit's LLVM variants need a libLLVM that knows the processor. Installs Debian's where that is permitted.
 fn llvm(python: &Path) -> Result<()> {
     let works = || {

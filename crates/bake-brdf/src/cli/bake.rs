@@ -19,7 +19,7 @@ use terminal::{Manners, Outcome, Stop};
 
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct BakeArgs {
-    /// Recipe (JSON) [default: the paper's pearl].
+    /// Recipe: a file (JSON, - for stdin) or the name of a built-in one, such as akoya [default: the paper's pearl].
     #[arg(conflicts_with = "scene")]
     recipe: Option<PathBuf>,
     /// Table to write [default: pearl.exr; with --shard: pearl-I-of-N.shard]. With --scene: the copy of the scene that points

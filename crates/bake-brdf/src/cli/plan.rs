@@ -3,15 +3,14 @@
 use super::args::{self, OptionsArgs, SceneArgs};
 use super::errors::refuse_plan;
 use super::progress::seconds_text;
-use bake_brdf::plan::{Plan, PlannedPearl};
-use serde_json::{Map, Value, json};
+use bake_brdf::plan::{Plan, UNUSED};
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use terminal::{Manners, Outcome};
 
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct PlanArgs {
-    /// Recipe (JSON) [default: the paper's pearl].
+    /// Recipe: a file (JSON, - for stdin) or the name of a built-in one, such as akoya [default: the paper's pearl].
     #[arg(conflicts_with = "scene")]
     recipe: Option<PathBuf>,
     #[command(flatten)]
@@ -41,7 +40,7 @@ pub(crate) fn run(args: &PlanArgs, manners: &Manners) -> Outcome {
     let plan = plan.map_err(refuse_plan)?;
     let why_not = args.why_not.then(|| pool.install(|| super::why_not::report(&plan))).transpose()?;
     if manners.json {
-        let mut report = report(&plan);
+        let mut report = plan.report();
         if let Some((differences, _)) = why_not {
             report["why_not"] = differences;
         }
@@ -50,57 +49,6 @@ pub(crate) fn run(args: &PlanArgs, manners: &Manners) -> Outcome {
     let text = table(&plan) + &why_not.map_or_else(String::new, |(_, text)| format!("\n{text}"));
     terminal::print(&text)
 }
-
-/// The plan as JSON.
-pub(crate) fn report(plan: &Plan) -> Value {
-    let pearl = |pearl: &PlannedPearl| {
-        let effect = |decision: &bake_brdf::effects::Decision| {
-            let cost = pearl.costs[decision.effect as usize];
-            let used = pearl.table.is_some();
-            let value = json!({
-                "on": decision.on && used,
-                "why": if used { decision.why.as_str() } else { UNUSED },
-                "seconds": cost.seconds,
-                "bytes": cost.bytes,
-            });
-            (decision.effect.name().to_owned(), value)
-        };
-        json!({
-            "id": pearl.id,
-            "used": pearl.table.is_some(),
-            "place": pearl.place,
-            "shapes": pearl.shapes,
-            "recipe": pearl.recipe.to_json(),
-            "recipe_from": pearl.recipe_from,
-            "azimuth": pearl.recipe.azimuth.mode,
-            "table": pearl.table,
-            "effects": pearl.decisions.all().iter().map(effect).collect::<Map<String, Value>>(),
-        })
-    };
-    let tables: Vec<Value> = plan
-        .tables
-        .iter()
-        .map(|table| {
-            json!({
-                "recipe": table.request.recipe.name,
-                "effects": table.request.effects.names(),
-                "solver": table.solver.name(),
-                "seconds": table.cost.seconds,
-                "bytes": table.cost.bytes,
-            })
-        })
-        .collect();
-    let cost = plan.cost();
-    json!({
-        "schema": "bake-plan/1",
-        "pearls": plan.pearls.iter().map(pearl).collect::<Vec<_>>(),
-        "tables": tables,
-        "seconds": cost.seconds,
-        "bytes": cost.bytes,
-    })
-}
-
-const UNUSED: &str = "no shape shows this pearl";
 
 /// The plan for people: a table a pearl.
 fn table(plan: &Plan) -> String {

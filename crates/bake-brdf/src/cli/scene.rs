@@ -3,7 +3,6 @@
 use super::bake::{BakeArgs, bake_to, writable};
 use super::checkpoint::Checkpoints;
 use super::errors::refuse_plan;
-use super::plan::report;
 use super::progress::seconds_text;
 use bake_brdf::options::Target;
 use bake_brdf::plan::{Plan, PlannedTable};
@@ -134,7 +133,7 @@ fn print(plan: &Plan, tables: &[Done], copy: Option<&Path>, seconds: f64, manner
                 })
             })
             .collect();
-        let mut whole = report(plan);
+        let mut whole = plan.report();
         whole["schema"] = json!("bake-scene-report/1");
         whole["scene"] = json!(copy.map(|path| path.display().to_string()));
         whole["baked"] = json!(done);

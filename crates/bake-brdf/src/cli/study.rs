@@ -17,7 +17,7 @@ use terminal::{Outcome, Stop};
 
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct StudyArgs {
-    /// Recipe (JSON) [default: the paper's pearl].
+    /// Recipe: a file (JSON, - for stdin) or the name of a built-in one, such as akoya [default: the paper's pearl].
     recipe: Option<PathBuf>,
     /// Folder for study.json, study.csv, study.svg and study.png; made if it does not exist.
     #[arg(short, long, value_name = "DIR")]

@@ -70,15 +70,8 @@ fn parse(line: &[u8]) -> Result<(Direction, Direction), String> {
 
 /// The direction of a vector of any length but 0.
 fn unit(name: &str, v: Triple) -> Result<Direction, String> {
-    // Scaled first, so that no square under- or overflows.
-    let size = v.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
-    // (`max` passes over NaN.)
-    if size == 0.0 || v.iter().any(|x| !x.is_finite()) {
-        return Err(format!("{name} is {v:?}, expected three finite numbers that are not all 0"));
-    }
-    let scaled = v.map(|x| x / size);
-    let length = scaled.iter().map(|x| x * x).sum::<f64>().sqrt();
-    Ok(scaled.map(|x| x / length))
+    let refuse = || format!("{name} is {v:?}, expected three finite numbers that are not all 0");
+    pearl_bsdf::unit(v).ok_or_else(refuse)
 }
 
 fn components(value: &Evaluation) -> Value {

@@ -12,7 +12,7 @@ use crate::input;
 /// Arguments of `thinfilm colour`.
 #[derive(Args, Debug)]
 pub(crate) struct ColourArgs {
-    /// Recipe (JSON).
+    /// Recipe: a file (JSON, - for stdin) or the name of a built-in one, such as akoya.
     recipe: PathBuf,
     /// Angles of incidence in degrees: numbers and FROM:TO:STEP, separated by commas.
     #[arg(long, value_name = "LIST", default_value = "0:60:15")]

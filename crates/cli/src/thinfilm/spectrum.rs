@@ -15,7 +15,7 @@ use crate::input;
 /// Arguments of `thinfilm spectrum`.
 #[derive(Args, Debug)]
 pub(crate) struct SpectrumArgs {
-    /// Recipe (JSON). Waves go through its mean thicknesses unless --members or --accuracy calls for an ensemble.
+    /// Recipe: a file (JSON, - for stdin) or the name of a built-in one, such as akoya. Waves go through its mean thicknesses unless --members or --accuracy calls for an ensemble.
     recipe: PathBuf,
     /// Angles of incidence in degrees: numbers and FROM:TO:STEP, separated by commas.
     #[arg(long, value_name = "LIST", default_value = "0")]

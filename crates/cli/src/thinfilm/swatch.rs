@@ -15,7 +15,7 @@ use crate::input;
 /// Arguments of `thinfilm swatch`.
 #[derive(Args, Debug)]
 pub(crate) struct SwatchArgs {
-    /// Recipe (JSON).
+    /// Recipe: a file (JSON, - for stdin) or the name of a built-in one, such as akoya.
     recipe: PathBuf,
     /// PNG to write.
     #[arg(short, long, value_name = "PNG")]

@@ -26,6 +26,7 @@ struct Sampled<'a> {
     pearl: &'a PearlBsdf,
     wi: &'a [Direction],
     numbers: &'a [[f64; 3]],
+    viewer: Viewer,
     out: &'a mut [Option<Sample>],
 }
 
@@ -36,7 +37,7 @@ impl WithSimd for Sampled<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let packets = self.wi.chunks(LANES).zip(self.numbers.chunks(LANES)).zip(self.out.chunks_mut(LANES));
         for ((wi, numbers), out) in packets {
-            self.pearl.sample_packet(wi, numbers, out);
+            self.pearl.sample_packet(wi, numbers, self.viewer, out);
         }
     }
 }
@@ -47,12 +48,30 @@ impl PearlBsdf {
     /// # Panics
     /// If the slices are not of one length.
     pub fn sample_many(&self, wi: &[Direction], numbers: &[[f64; 3]], out: &mut [Option<Sample>]) {
+        self.sample_for(wi, numbers, Viewer::AtExit, out);
+    }
+
+    /// As [`Self::sample_many`], with the value that [`Self::eval_seen`] has of each pair: wi looks at the surface.
+    ///
+    /// # Panics
+    /// If the slices are not of one length.
+    pub fn sample_seen_many(&self, wi: &[Direction], numbers: &[[f64; 3]], out: &mut [Option<Sample>]) {
+        self.sample_for(wi, numbers, Viewer::AtIncidence, out);
+    }
+
+    fn sample_for(&self, wi: &[Direction], numbers: &[[f64; 3]], viewer: Viewer, out: &mut [Option<Sample>]) {
         assert_of_one_length(wi.len(), numbers.len(), out.len());
-        Arch::new().dispatch(Sampled { pearl: self, wi, numbers, out });
+        Arch::new().dispatch(Sampled { pearl: self, wi, numbers, viewer, out });
     }
 
     #[inline(always)]
-    fn sample_packet(&self, wi: &[Direction], numbers: &[[f64; 3]], out: &mut [Option<Sample>]) {
+    fn sample_packet(
+        &self,
+        wi: &[Direction],
+        numbers: &[[f64; 3]],
+        viewer: Viewer,
+        out: &mut [Option<Sample>],
+    ) {
         let mut valid = [false; LANES];
         for (valid, wi) in valid.iter_mut().zip(wi) {
             *valid = above_horizon(*wi);
@@ -79,9 +98,12 @@ impl PearlBsdf {
                 (sample.wo, sample.pdf) = (wo, pdf);
                 if self.is_dispersed() {
                     // The lobe at the table's own wavelength is what is sampled.
-                    sample.value = self.eval(wi[k], wo);
+                    sample.value = match viewer {
+                        Viewer::AtExit => self.eval(wi[k], wo),
+                        Viewer::AtIncidence => self.eval_seen(wi[k], wo),
+                    };
                 } else {
-                    own.colour_lane(&pairs, &shades, k, Viewer::AtExit, &mut sample.value);
+                    own.colour_lane(&pairs, &shades, k, viewer, &mut sample.value);
                 }
             }
         }
@@ -291,7 +313,7 @@ mod tests {
         let (wi, wo, viewer) = (&wi, &wo, Viewer::AtExit);
         run(level, Evaluated { pearl: pearl.own(), wi, wo, viewer, out: &mut values })?;
         run(level, Densities { pearl, wi, wo, out: &mut densities })?;
-        run(level, Sampled { pearl, wi, numbers: &numbers, out: &mut samples })?;
+        run(level, Sampled { pearl, wi, numbers: &numbers, viewer: Viewer::AtExit, out: &mut samples })?;
         Some((values, densities, samples))
     }
 

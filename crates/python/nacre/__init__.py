@@ -1,0 +1,43 @@
+"""Pearl: multilayer interference of nacre, from a recipe to a BSDF.
+
+    import nacre
+
+    table = nacre.bake("akoya")                  # a built-in name, a path, a dict or a nacre.Recipe
+    table.save("akoya.exr")
+    pearl = nacre.Pearl(table, depth=0.5)
+    value = pearl.eval([0.5, 0, 0.866], [-0.5, 0, 0.866])
+
+Directions are unit vectors in the local shading frame, z the outward normal, both pointing away from the surface (Mitsuba's
+convention): wi looks at the surface, light arrives from wo. Lengths are in nm and angles in degrees where a name says so, else angles
+are in radians. Wrong input raises `InputError` with one line that says what would be right.
+"""
+
+from . import thinfilm
+from ._nacre import (
+    InputError,
+    Pearl,
+    Recipe,
+    Table,
+    __version__,
+    arrays,
+    bake,
+    check,
+    diff,
+    plan,
+    recipes,
+)
+
+__all__ = [
+    "InputError",
+    "Pearl",
+    "Recipe",
+    "Table",
+    "__version__",
+    "arrays",
+    "bake",
+    "check",
+    "diff",
+    "plan",
+    "recipes",
+    "thinfilm",
+]

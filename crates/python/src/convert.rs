@@ -1,0 +1,79 @@
+//! Python's values and ours.
+
+use crate::errors::{failure, field, input};
+use numpy::ndarray::ArrayD;
+use numpy::{AllowTypeChange, Element, IntoPyArray as _, PyArrayDyn, PyArrayLikeDyn};
+use pyo3::prelude::*;
+use pyo3::types::{PyAny, PyString};
+use serde::Serialize;
+
+/// Anything that serialises, as Python's dict, list, str, int, float, bool or None.
+pub(crate) fn to_python<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
+    let text = serde_json::to_string(value).map_err(failure)?;
+    py.import("json")?.call_method1("loads", (text,))
+}
+
+/// JSON text of a dict.
+pub(crate) fn to_json(value: &Bound<'_, PyAny>) -> PyResult<String> {
+    let py = value.py();
+    let options = [("allow_nan", false)].into_iter();
+    let options = options.collect::<std::collections::HashMap<_, _>>().into_pyobject(py)?;
+    match py.import("json")?.call_method("dumps", (value,), Some(&options)) {
+        Ok(text) => Ok(text.cast::<PyString>().map_err(failure)?.to_string()),
+        Err(why) => Err(input(why.value(py))),
+    }
+}
+
+/// Numbers as NumPy reads them (a number, a list, an array of any numeric type), in f64, rows first.
+pub(crate) struct Numbers<'py> {
+    pub(crate) shape: Vec<usize>,
+    array: PyArrayLikeDyn<'py, f64, AllowTypeChange>,
+    /// Where the array lies in memory in another order.
+    copy: Option<Vec<f64>>,
+}
+
+impl Numbers<'_> {
+    pub(crate) fn values(&self) -> &[f64] {
+        match &self.copy {
+            Some(copy) => copy,
+            // Without a copy the array is in order.
+            None => self.array.as_slice().unwrap_or_default(),
+        }
+    }
+}
+
+/// Reads an argument.
+pub(crate) fn numbers<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Numbers<'py>> {
+    let array: PyArrayLikeDyn<'_, f64, AllowTypeChange> =
+        value.extract().map_err(|_| field(name, "is not an array of real numbers"))?;
+    let view = array.as_array();
+    let copy = (!view.is_standard_layout()).then(|| view.iter().copied().collect());
+    Ok(Numbers { shape: view.shape().to_vec(), array, copy })
+}
+
+/// Reads a number or a row of numbers.
+pub(crate) fn row(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
+    let numbers = numbers(name, value)?;
+    if numbers.shape.len() > 1 {
+        let shape = shape_text(&numbers.shape);
+        return Err(field(name, format_args!("has shape {shape}, expected one row of numbers")));
+    }
+    Ok(numbers.values().to_vec())
+}
+
+/// An array as NumPy's own, without a copy.
+pub(crate) fn array<'py, T: Element>(
+    py: Python<'py>,
+    shape: &[usize],
+    values: Vec<T>,
+) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+    Ok(ArrayD::from_shape_vec(shape, values).map_err(failure)?.into_pyarray(py))
+}
+
+/// As Python writes a shape.
+pub(crate) fn shape_text(shape: &[usize]) -> String {
+    match shape {
+        [one] => format!("({one},)"),
+        _ => format!("({})", shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", ")),
+    }
+}

@@ -1,0 +1,130 @@
+//! Recipes.
+
+use crate::convert::{array, row, to_json, to_python};
+use crate::errors::{field, input, of_io};
+use bake_brdf::recipe::{self, Recipe as Ours};
+use num_complex::Complex64;
+use numpy::{IntoPyArray as _, PyArray1, PyArrayDyn};
+use pyo3::prelude::*;
+use pyo3::types::{PyAny, PyDict};
+use std::path::PathBuf;
+
+/// A recipe: layers, facets, azimuth mode and look of a pearl.
+#[pyclass(frozen, module = "nacre", from_py_object)]
+#[derive(Clone)]
+pub(crate) struct Recipe {
+    pub(crate) inner: Ours,
+}
+
+/// Names of the built-in recipes.
+#[pyfunction]
+pub(crate) fn recipes() -> Vec<&'static str> {
+    recipe::BUILT_IN.iter().map(|(name, _)| *name).collect()
+}
+
+#[pymethods]
+impl Recipe {
+    #[new]
+    fn new(source: &Bound<'_, PyAny>) -> PyResult<Self> {
+        Self::of(source)
+    }
+
+    /// Its name.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.inner.name
+    }
+
+    /// All of it, with every default written out.
+    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        to_python(py, &self.inner.to_json())
+    }
+
+    /// Its stack as arrays for `nacre.thinfilm`: complex indices of ambient, layers and substrate, thicknesses and their spreads.
+    #[allow(clippy::type_complexity)] // three arrays
+    fn films<'py>(
+        &self,
+        py: Python<'py>,
+        wavelengths_nm: &Bound<'py, PyAny>,
+    ) -> PyResult<(Bound<'py, PyArrayDyn<Complex64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>)>
+    {
+        let wavelengths = row("wavelengths_nm", wavelengths_nm)?;
+        let stack = self.inner.film_stack();
+        let most = thinfilm::field::MOST_LISTED_LAYERS;
+        if stack.layer_count() > u128::from(most) {
+            return Err(input(format_args!(
+                "the stack has {} layers, expected at most {most}",
+                stack.layer_count()
+            )));
+        }
+        let indices = wavelengths.iter().map(|nm| stack.indices(nm * 1e-9)).collect::<Result<Vec<_>, _>>();
+        let indices = indices.map_err(input)?;
+        let layers: Vec<thinfilm::StackLayer> = stack.layers().collect();
+        let mut n = Vec::with_capacity((layers.len() + 2) * wavelengths.len());
+        n.extend(indices.iter().map(|at| at.ambient));
+        for layer in &layers {
+            n.extend(indices.iter().map(|at| at.materials[layer.material]));
+        }
+        n.extend(indices.iter().map(|at| at.substrate));
+        let lengths = |of: fn(&thinfilm::StackLayer) -> f64| {
+            let nm: Vec<f64> = layers.iter().map(|layer| of(layer) * 1e9).collect();
+            nm.into_pyarray(py)
+        };
+        let n = array(py, &[layers.len() + 2, wavelengths.len()], n)?;
+        Ok((n, lengths(|layer| layer.thickness), lengths(|layer| layer.thickness_sd)))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("nacre.Recipe({:?})", self.inner.name)
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.inner == other.inner
+    }
+}
+
+impl Recipe {
+    /// A recipe itself, a built-in name, a path, or a dict.
+    pub(crate) fn of(source: &Bound<'_, PyAny>) -> PyResult<Self> {
+        if let Ok(recipe) = source.extract::<Self>() {
+            return Ok(recipe);
+        }
+        if source.is_instance_of::<PyDict>() {
+            let text = to_json(source)?;
+            return Ok(Self { inner: Ours::from_json(&text).map_err(input)? });
+        }
+        let Ok(path) = source.extract::<PathBuf>() else {
+            let kind = source.get_type().name()?;
+            return Err(field(
+                "recipe",
+                format_args!("is a {kind}, expected a built-in name, a path or a dict"),
+            ));
+        };
+        if let Some(text) = path.to_str().and_then(recipe::built_in) {
+            return Ok(Self { inner: Ours::from_json(text).map_err(input)? });
+        }
+        let size = std::fs::metadata(&path).map_err(|error| not_there(&path, &error))?.len();
+        if size > recipe::MAX_BYTES {
+            let most = recipe::MAX_BYTES;
+            return Err(field(
+                &path.display().to_string(),
+                format_args!("has {size} bytes, expected at most {most}"),
+            ));
+        }
+        let text = std::fs::read_to_string(&path).map_err(|error| of_io(&path, &error))?;
+        let inner = Ours::from_json(&text).map_err(|why| field(&path.display().to_string(), why))?;
+        Ok(Self { inner })
+    }
+}
+
+/// What is neither a file nor a built-in recipe is wrong input; other errors are the system's.
+fn not_there(path: &std::path::Path, error: &std::io::Error) -> PyErr {
+    if error.kind() != std::io::ErrorKind::NotFound {
+        return of_io(path, error);
+    }
+    let names = recipes().join(", ");
+    field(
+        &path.display().to_string(),
+        format_args!("there is no such file, and the built-in recipes are {names}"),
+    )
+}
