@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import venv
 
 import nacre
 import numpy as np
@@ -433,9 +434,15 @@ def test_the_stubs_are_what_is_there(tmp_path):
     assert done.returncode == 0, done.stdout
 
 
-def test_the_python_of_its_page_runs(tmp_path):
+def test_its_page_runs_as_printed_in_a_fresh_environment(tmp_path):
     page = (ROOT / "crates" / "python" / "README.md").read_text()
-    for code in re.findall(r"^```python\n(.*?)^```", page, re.S | re.M):
-        done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
+    (tmp_path / "page.py").write_text("\n".join(re.findall(r"^```python\n(.*?)^```", page, re.S | re.M)))
+    venv.create(tmp_path / "venv", with_pip=True)
+    env = {**os.environ, "PATH": f"{tmp_path / 'venv' / 'bin'}:{os.environ['PATH']}", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+    shell = lambda line, folder: subprocess.run(["bash", "-ec", line], cwd=folder, env=env, capture_output=True, text=True)
+    for line in re.findall(r"^```sh\n(.*?)^```", page, re.S | re.M):
+        done = shell(line, ROOT)
+        assert done.returncode == 0, done.stderr[-3000:]
+    done = shell("python page.py", tmp_path)
+    assert done.returncode == 0, done.stderr
     assert (tmp_path / "akoya.exr").stat().st_size > 10_000
