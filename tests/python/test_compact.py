@@ -6,7 +6,6 @@ import json
 import os
 import pathlib
 import subprocess
-import sys
 import zlib
 
 import numpy as np
@@ -15,11 +14,10 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 FULL = os.environ.get("NACRE_FULL", "") not in ("", "0")
-sys.path.insert(0, str(ROOT / "tools" / "mitsuba"))
 
 mi = pytest.importorskip("mitsuba")
 OpenEXR = pytest.importorskip("OpenEXR")
-import pearl_mitsuba  # noqa: E402, F401
+import nacre.mitsuba  # noqa: E402, F401
 import test_plugin  # noqa: E402
 
 RECIPES = ["paper", "akoya", "mother-of-pearl", "golden"]

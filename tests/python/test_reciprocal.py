@@ -4,17 +4,15 @@ import json
 import os
 import pathlib
 import subprocess
-import sys
 
 import numpy as np
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
-sys.path.insert(0, str(ROOT / "tools" / "mitsuba"))
 
 mi = pytest.importorskip("mitsuba")
-import pearl_mitsuba  # noqa: E402, F401
+import nacre.mitsuba  # noqa: E402, F401
 import test_plugin  # noqa: E402
 
 

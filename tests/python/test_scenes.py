@@ -7,7 +7,6 @@ import json
 import os
 import pathlib
 import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -16,12 +15,11 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 SCENES = ROOT / "data" / "scenes"
 PLANS = json.loads((SCENES / "plans.json").read_text())
-sys.path.insert(0, str(ROOT / "tools" / "mitsuba"))
 
 pytest.importorskip("drjit")
 mi = pytest.importorskip("mitsuba")
 import llvm  # noqa: E402
-import pearl_mitsuba  # noqa: E402, F401  (it registers the plugin when a variant is set)
+import nacre.mitsuba  # noqa: E402, F401  (it registers the plugin when a variant is set)
 
 VARIANT = {
     "grey-pearl": "llvm_ad_mono",

@@ -23,7 +23,7 @@ import tempfile
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "tools" / "mitsuba"), str(pathlib.Path(__file__).resolve().parent)]
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from tables import CASES, Bad, Tools  # noqa: E402
 
@@ -141,7 +141,7 @@ def compare(options, tools):
         parameters = {"brightness": 1.0, "body": look["body_rgb"], **look}
         for variant in variants:
             mi.set_variant(variant)
-            import pearl_mitsuba  # noqa: F401
+            import nacre.mitsuba  # noqa: F401
 
             wavelengths = BANDS if "spectral" in variant else None
             asked = [key for key in "abcd" if key in options.ways]

@@ -21,7 +21,7 @@ import tempfile
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "tools" / "mitsuba"), str(ROOT / "tools" / "mitsuba" / "examples"), str(pathlib.Path(__file__).parent)]
+sys.path[:0] = [str(ROOT / "crates" / "python" / "examples"), str(pathlib.Path(__file__).parent)]
 
 from tables import Bad, Tools  # noqa: E402
 
@@ -67,7 +67,7 @@ def race(variant, table, options, tools):
     import mitsuba as mi
 
     mi.set_variant(variant)
-    import pearl_mitsuba  # noqa: F401
+    import nacre.mitsuba  # noqa: F401
 
     form = "bsdf-spectral" if "spectral" in variant else "bsdf-rgb"
     exported = pathlib.Path(tools.folder) / f"{form}.bsdf"

@@ -12,7 +12,7 @@ convention): wi looks at the surface, light arrives from wo. Lengths are in nm a
 are in radians. Wrong input raises `InputError` with one line that says what would be right.
 """
 
-from . import thinfilm
+from . import cache, thinfilm
 from ._nacre import (
     InputError,
     Pearl,
@@ -23,6 +23,7 @@ from ._nacre import (
     bake,
     check,
     diff,
+    effects,
     plan,
     recipes,
 )
@@ -35,8 +36,10 @@ __all__ = [
     "__version__",
     "arrays",
     "bake",
+    "cache",
     "check",
     "diff",
+    "effects",
     "plan",
     "recipes",
     "thinfilm",

@@ -49,6 +49,7 @@ def bake(
     seed: int = 1,
     both_sides: bool = False,
     reciprocal: bool = False,
+    look: dict[str, Any] | None = None,
     threads: int | None = None,
     progress: Callable[[float, float], Any] | None = None,
 ) -> Table:
@@ -57,7 +58,8 @@ def bake(
     One of three says when it is finished: `accuracy`, the total variation of the lobe as it is read at any pair of angles, per cent of the
     reflected light (1 if nothing is given); `paths` per incidence; `time_budget`, seconds. `solver` is "walk", "doubling" or "auto" (the
     recipe's choice if it is not given). Without `incident_deg` (degrees) and `cells` (columns, rows) there are as few as the accuracy
-    takes. `effects` are those that the recipe's look calls for, or "all", or a list. `threads` are all cores.
+    takes. `effects` are those that the recipe's look calls for (`look` in its place: see `effects`), or "all", or a list. `threads` are
+    all cores.
 
     `progress` is called with the share of the work that is done and the seconds it took, up to twenty times a second. Ctrl-C stops a
     bake at once (what doubling has begun goes on in the background to its end); so does an exception in `progress`.
@@ -138,6 +140,13 @@ def diff(a: _Table, b: _Table) -> dict[str, Any]:
 
 def check(table: _Table) -> dict[str, Any]:
     """Whether what a table says of itself holds (`pass`): what `lut check --json` prints of it."""
+
+def effects(recipe: _Recipe, look: dict[str, Any] | None = None) -> dict[str, dict[str, Any]]:
+    """Which effects a recipe calls for as it is looked at, each with `on` and `why`.
+
+    `look` has what differs from the recipe's own: `depth`, `brightness`, `coherence`, `body_color` (None for a texture), `components`,
+    `variant` (a variant of Mitsuba, or mono, rgb, spectral, polarised), `texture` (a name for what varies over the surface).
+    """
 
 def plan(recipe: _Recipe) -> dict[str, Any]:
     """Which effects a recipe's look calls for, why, and what they cost: what `bake-brdf plan --json` prints."""

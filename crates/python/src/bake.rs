@@ -7,11 +7,11 @@ use crate::table::Table;
 use bake_brdf::bake::{
     BakeError, Observer, Progress, Request, bake as solve, can_be_reciprocal, reciprocal as symmetrised,
 };
-use bake_brdf::effects::Effects;
+use bake_brdf::effects::{Effects, View};
 use bake_brdf::options::{Options, Sides, SolverChoice, Target};
 use bake_brdf::recipe::AzimuthMode;
 use pyo3::prelude::*;
-use pyo3::types::PyAny;
+use pyo3::types::{PyAny, PyDict};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -56,7 +56,7 @@ impl Drop for Ending {
 #[pyfunction]
 #[pyo3(signature = (
     recipe, *, solver=None, accuracy=None, paths=None, time_budget=None, incident_deg=None, cells=None, effects=None, azimuth=None,
-    seed=1, both_sides=false, reciprocal=false, threads=None, progress=None
+    seed=1, both_sides=false, reciprocal=false, look=None, threads=None, progress=None
 ))]
 pub(crate) fn bake(
     py: Python<'_>,
@@ -72,6 +72,7 @@ pub(crate) fn bake(
     seed: u64,
     both_sides: bool,
     reciprocal: bool,
+    look: Option<&Bound<'_, PyDict>>,
     threads: Option<usize>,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Table> {
@@ -94,6 +95,7 @@ pub(crate) fn bake(
         ..Options::default()
     };
     let recipe = Recipe::of(recipe)?.inner;
+    let view = crate::look::view(&recipe, look)?;
     if threads == Some(0) {
         return Err(field("threads", "0 threads bake nothing, expected at least 1"));
     }
@@ -104,7 +106,7 @@ pub(crate) fn bake(
     // A thread of its own, so that this one can look at signals; it ends by itself where nobody waits for it any more.
     std::thread::spawn(move || {
         let shared = &ending.0;
-        let work = || whole(recipe, options, reciprocal, shared);
+        let work = || whole(recipe, &view, options, reciprocal, shared);
         let result = match &pool {
             Some(pool) => pool.install(work),
             None => work(),
@@ -117,11 +119,13 @@ pub(crate) fn bake(
 /// From a recipe to a table.
 fn whole(
     recipe: bake_brdf::recipe::Recipe,
+    view: &View,
     options: Options,
     reciprocal: bool,
     shared: &Shared,
 ) -> Result<lut_io::Table, BakeError> {
-    let request = Request::new(recipe, options)?;
+    let (recipe, decisions) = options.decide(recipe, view)?;
+    let request = Request::of(recipe, decisions.set(), options)?;
     if reciprocal {
         // Before anything is solved.
         can_be_reciprocal(&request.bands()?)?;

@@ -6,6 +6,7 @@
 mod bake;
 mod convert;
 mod errors;
+mod look;
 mod ops;
 mod pearl;
 mod recipe;
@@ -19,6 +20,8 @@ mod _nacre {
     use crate::bake::bake;
     #[pymodule_export]
     use crate::errors::InputError;
+    #[pymodule_export]
+    use crate::look::effects;
     #[pymodule_export]
     use crate::ops::{arrays, check, diff, plan};
     #[pymodule_export]

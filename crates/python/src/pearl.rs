@@ -341,7 +341,7 @@ fn rgb(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
     }
 }
 
-fn shown(names: &Bound<'_, PyAny>) -> PyResult<Components> {
+pub(crate) fn shown(names: &Bound<'_, PyAny>) -> PyResult<Components> {
     let list = match names.extract::<String>() {
         Ok(text) => text.split(',').map(str::to_owned).collect(),
         Err(_) => {

@@ -1,5 +1,11 @@
 """Mitsuba 3 plugin `pearl`: importing this module makes the BSDF known to `mi.load_dict` and to XML scenes.
 
+    import mitsuba as mi
+    import nacre.mitsuba
+
+    mi.set_variant("llvm_ad_rgb")
+    pearl = mi.load_dict({"type": "pearl", "recipe": "akoya"})       # baked now, or taken from the user's cache
+
 It stays known in every variant that `mi.set_variant` chooses, before or after the import.
 """
 
@@ -9,7 +15,6 @@ from .bsdf import bsdf_class
 from .table import PearlError
 
 __all__ = ["PearlError"]
-__version__ = "0.1.0"
 
 _registered = set()
 

@@ -1,22 +1,28 @@
 """The BSDF plugin `pearl`; docs/PLUGIN.md is its documentation."""
 
+import weakref
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .. import cache
+from .._nacre import InputError, Recipe, recipes
 from . import controls as parameters
 from . import curves, table
 from .colours import Deriver, NumPy, Palette, chances
-from .paint import Bands, Channels, Light
 from .lobes import Facets, Pair, Polar, Tabulated
+from .paint import Bands, Channels, Light
 from .store import Types
-from .table import PearlError
+from .table import PearlError, Table
 
 _PI = float(np.pi)
 _INTERIOR, _REHIT, _SURFACE, _BASE = range(4)
 _DIFFUSE, _INCOHERENT, _MIRROR, _BLUR = range(4)
 
 _tables = {}
+#: Tables of recipes, by what `cache.table` gave.
+_baked = weakref.WeakKeyDictionary()
 
 
 def _above(direction):
@@ -35,8 +41,19 @@ def load_table(filename):
         stamp = None
     known = _tables.get(key)
     if known is None or known[0] != stamp or stamp is None:
-        _tables[key] = known = (stamp, table.read(key, mi.Bitmap))
+        _tables[key] = known = (stamp, table.read(key))
     return known[1]
+
+
+def bake_table(recipe, look):
+    """The table of a recipe, with what its look calls for: of this process, of the user's cache, or baked now."""
+    try:
+        stored = cache.table(recipe, look)
+    except InputError as error:
+        raise PearlError(f"pearl: recipe: {error}") from None
+    if stored not in _baked:
+        _baked[stored] = Table.of(stored, f"recipe {recipe.name}")
+    return _baked[stored]
 
 
 def bsdf_class():
@@ -46,14 +63,33 @@ def bsdf_class():
     return type("Pearl", (_pearl(mi.BSDF),), {"types": types, "flags_enum": flags})
 
 
+def _recipe(source):
+    """A recipe of a built-in name or a file, which is looked for where the scene's other files are."""
+    source = str(source)
+    if source not in recipes():
+        source = str(mi.file_resolver().resolve(source))
+    try:
+        return Recipe(source)
+    except InputError as error:
+        raise PearlError(f"pearl: recipe: {error}") from None
+
+
 def _pearl(base):
     class Pearl(base):
         def __init__(self, props):
             base.__init__(self, props)
             parameters.check_names(props.keys())
-            if "filename" not in props:
-                raise PearlError(f"pearl: filename: is missing; expected a table, which `{table.BAKE}` bakes")
-            self.table = load_table(props["filename"])
+            self.recipe = None
+            if ("filename" in props) == ("recipe" in props):
+                given = "both are given" if "filename" in props else "both are missing"
+                raise PearlError(
+                    f"pearl: filename, recipe: {given}; expected a table, which `{table.BAKE}` bakes, or a recipe, which is baked now"
+                )
+            if "recipe" in props:
+                self.recipe = _recipe(props["recipe"])
+                self.table = bake_table(self.recipe, self._look(props))
+            else:
+                self.table = load_table(props["filename"])
             controls = parameters.read(props, self.table)
             self.shown = controls.shown
             self._set_body(props)
@@ -62,18 +98,46 @@ def _pearl(base):
             number = types.Float if types.jit else dr.scalar.Array1f
             self.depth, self.brightness = number(controls.depth), number(controls.brightness)
             self.coherence, self.tint = number(controls.coherence), types.Color3f(controls.tint)
+            self._take()
+            self._derive()
+
+        def _look(self, props):
+            """What decides which effects are baked: the recipe's look, what is given in its place, and the variant."""
+            look = {name: parameters.number(name, props[name]) for name in ("depth", "brightness", "coherence") if name in props}
+            if "body_color" in props:
+                kind = mi.Properties.Type
+                plain = props.type("body_color") in (kind.Color, kind.Float, kind.Integer, kind.Vector)
+                look["body_color"] = parameters.colour("body_color", props["body_color"]) if plain else None
+            if "components" in props:
+                look["components"] = [
+                    name
+                    for name, show in zip(parameters.COMPONENTS, parameters.components(props["components"]), strict=True)
+                    if show
+                ]
+            return look | {"variant": self.types.variant}
+
+        def _take(self):
+            """What of the table alone is evaluated."""
+            types = self.types
             self.lut = types.TensorXf(self.table.values)
             self.tabulated = Tabulated(types, self.table)
-            self.facets = Facets(self.table.facets)
-            reciprocal = self.table.reciprocal
-            self.mirror_scale = types.store(self.table.mirror_ends if reciprocal else self.table.mirror_scale, 1)
+            self.facets = Facets(self.table.arrays)
+            self.mirror_scale = types.store(self.table.mirror_scale, 1)
             kind = "bands" if types.spectral else "mono" if types.mono else "rgb"
             palette = Palette.of(self.table, kind)
-            self.bands = self.table.spectra.wavelength_nm if kind == "bands" and palette.channels > 1 else None
+            self.bands = self.table.arrays["channel_nm"] if kind == "bands" and palette.channels > 1 else None
             self.painter = Channels if self.bands is None else Bands
             self.derive = Deriver(palette, types if types.jit else NumPy)
             self.rgb_palette = palette if kind == "rgb" else Palette.of(self.table, "rgb")
-            self._derive()
+
+        def _bake_what_is_called_for(self):
+            """A control that needs an effect which was not baked bakes it now."""
+            depth, brightness, coherence, _ = self._values()
+            if not self.table.lacks(depth, coherence):
+                return
+            look = {"depth": depth, "brightness": brightness, "coherence": coherence, "body_color": self.body_rgb}
+            self.table = bake_table(self.recipe, look | {"variant": self.types.variant})
+            self._take()
 
         def _set_body(self, props):
             self.body_rgb = None
@@ -120,6 +184,8 @@ def _pearl(base):
                     raise PearlError("pearl: lut: has a value that is not finite")
                 # What is sampled must be a density.
                 self.tabulated.set_values(np.maximum(values, 0.0), self.lut.array if self.types.jit else values)
+            if self.recipe is not None:
+                self._bake_what_is_called_for()
             self._derive()
 
         def _values(self):
@@ -218,7 +284,7 @@ def _pearl(base):
             depth, brightness, coherence = (f"{value:g}" if isinstance(value, float) else value for value in numbers)
             shown = ",".join(name for name, show in zip(parameters.COMPONENTS, self.shown) if show)
             return (
-                f"Pearl[\n  filename = {self.table.name},\n  depth = {depth},\n  brightness = {brightness},\n"
+                f"Pearl[\n  table = {self.table.name},\n  depth = {depth},\n  brightness = {brightness},\n"
                 f"  coherence = {coherence},\n  tint = {tint},\n  components = {shown}\n]"
             )
 

@@ -1,4 +1,4 @@
-"""Exit-angle axes that follow a lobe (docs/LUT-FORMAT.md §3) and what their cells weigh (§5), in NumPy.
+"""Exit-angle axes that follow a lobe (docs/LUT-FORMAT.md §3) and the sampling densities of values that a user changes (§5), in NumPy.
 
 Angles are radians. A *position* counts cells from the lower end of an axis; the centre of cell k is at k + ½.
 """
@@ -56,10 +56,6 @@ class Stretched:
         cells = self.cells if self._one_sided else 0.5 * self.cells
         return self.width * length * np.cosh(t * length) / cells
 
-    def kinks(self):
-        """Edges and centres of the cells: what is read between them is smooth."""
-        return self.at(0.5 * np.arange(2 * self.cells + 1))
-
 
 @dataclass(frozen=True)
 class ExitAxis:
@@ -89,13 +85,6 @@ class ExitAxis:
         if self.plane:
             return None
         return Stretched(0.0, 0.0, np.pi, self.width / np.tan(self.columns_at(theta_i).centre), self.rows)
-
-
-def neighbours(position, cells):
-    """The cell whose centre lies at or before a position, and how far (0..1) it is towards the next centre."""
-    from_first = np.clip(position - 0.5, 0.0, cells - 1)
-    cell = np.minimum(from_first.astype(int), cells - 2)
-    return cell, from_first - cell
 
 
 def scaled_bessel_i0(x):
@@ -133,41 +122,6 @@ def plane_measure(theta_i, s, width):
     """dω/ds of a decay table, integrated over the azimuth: 2π|sin s|·D̄ forward, 2π|sin s|·(1 − D̄) backward."""
     mean = mean_decay(concentration(theta_i, s, width))
     return 2 * np.pi * np.abs(np.sin(s)) * np.where(s >= 0.0, mean, 1.0 - mean)
-
-
-# Six points on [0, 1], as in the writer of the tables.
-_RULE_X, _RULE_W = np.polynomial.legendre.leggauss(6)
-_RULE_X, _RULE_W = 0.5 + 0.5 * _RULE_X, 0.5 * _RULE_W
-
-
-def hat_integrals(axis, density):
-    """∫ hat_k(x)·density(x) dx for every cell k: the reading weights of one axis."""
-    cells = axis.cells
-    ends = 0.5 * np.arange(2 * cells + 1)
-    kink = float(axis.position(0.0)) if axis.lo < 0.0 else 0.0
-    holds = (ends[:-1] <= kink) & (kink <= ends[1:])
-    start, stop = ends[:-1][~holds], ends[1:][~holds]
-    u = start[:, None] + (stop - start)[:, None] * _RULE_X
-    weight = (stop - start)[:, None] * _RULE_W
-    # Around the kink steps are graded, x ~ t², so that a √x start is integrated as a polynomial.
-    edges = np.concatenate([ends[:-1][holds], ends[1:][holds]])[:, None]
-    graded = kink + (edges - kink) * _RULE_X**2
-    graded_weight = np.abs(edges - kink) * 2.0 * _RULE_X * _RULE_W
-    u = np.concatenate([u.ravel(), graded.ravel()])
-    weight = np.concatenate([weight.ravel(), graded_weight.ravel()])
-    mass = weight * axis.slope(u) * density(axis.at(u))
-    cell, fraction = neighbours(u, cells)
-    return np.bincount(cell, (1 - fraction) * mass, cells) + np.bincount(cell + 1, fraction * mass, cells)
-
-
-def reading_weights(axis, theta_i, azimuth_width):
-    """Reading weights of one incidence, sr: Σ value·weight is the hemispherical integral as read."""
-    columns = axis.columns_at(theta_i)
-    if axis.plane:
-        return hat_integrals(columns, lambda s: plane_measure(theta_i, s, azimuth_width))
-    bands = hat_integrals(columns, np.sin)
-    sectors = hat_integrals(axis.phi_at(theta_i), lambda phi: np.full_like(phi, 2.0))
-    return np.outer(sectors, bands).ravel()
 
 
 def sampling_measure(axis, theta_i, azimuth_width):

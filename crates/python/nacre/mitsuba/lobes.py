@@ -115,8 +115,8 @@ class Pair:
 class Facets:
     """The single reflection at interface 0: facet density × Fresnel."""
 
-    def __init__(self, facets):
-        self.sigma, self.ratio, self.visible = float(facets.sigma), float(facets.index_ratio), facets.visible
+    def __init__(self, arrays):
+        self.sigma, self.ratio, self.visible = (float(arrays[name].flat[0]) for name in ("slope_sd", "index_ratio", "visible"))
 
     def _slopes(self, half):
         x = (half.p2 + half.q2) * (0.5 / self.sigma**2)
@@ -254,22 +254,25 @@ class Tabulated:
         steps = np.diff(spans)
         regular = np.allclose(steps, steps[0], rtol=1e-9) and np.array_equal(after, before + 1)
         self.regular_step = float(steps[0]) if regular else None
-        self.span_steps = table.span_steps
-        at = spans[:-1, None] + steps[:, None] * np.arange(self.span_steps + 1) / self.span_steps
-        widths = np.interp(at, table.theta, table.azimuth_width)[..., None]
+        self.span_steps = table.span_curves.shape[1] - 1
+        along, (first, last) = np.arange(self.span_steps + 1) / self.span_steps, table.widths_of_spans.T[..., None]
+        widths = (first + (last - first) * along)[..., None]
         # By incidence: what is read over the albedos, and w of the azimuth.
-        self.along = types.store(np.concatenate([table.read_over_albedo, widths, np.zeros_like(widths)], axis=2), 4)
+        self.along = types.store(np.concatenate([table.span_curves[..., :2], widths, np.zeros_like(widths)], axis=2), 4)
         if not regular:
             self.span_ends = types.store(spans, 1)
             self.span_records = types.store(np.stack([spans[:-1], 1.0 / steps, before, after], axis=1), 4)
-        self.measure = table.measure
-        self.set_values(table.values)
+        self.table = table
+        self._set(table.values, table.densities, table.span_curves[..., 2:])
 
     def set_values(self, values, data=None):
-        """Stored values, [incidence, row, column, lobe], and where given the (differentiable) array to read them from."""
+        """Other values, [incidence, row, column, lobe], and the (differentiable) array to read them from."""
+        self._set(values, values * self.table.measure[..., None], None, data)
+
+    def _set(self, values, density, caps, data=None):
+        """Values and what is sampled of each; shares of that around the normal at the steps of spans, where they are known."""
         types = self.types
-        values = np.asarray(values, float)
-        density = values * self.measure[..., None]
+        values, density = np.asarray(values, float), np.asarray(density, float)
         rows = density.sum(axis=2)
         total = rows.sum(axis=1)
         # Values and densities side by side: one record holds what both lobes have in a cell.
@@ -284,7 +287,8 @@ class Tabulated:
         # By incidence, as `along`: shares in the cap around the normal, and sums of the densities.
         steps = np.arange(self.span_steps + 1)[:, None] / self.span_steps
         before, after = (total[rows][:, None] for rows in self.rows_of_spans)
-        caps = self._cap_shares(density.sum(axis=1) * scale(total)[:, None], total)
+        if caps is None:
+            caps = self._cap_shares(density.sum(axis=1) * scale(total)[:, None], total)
         self.shares = types.store(np.concatenate([caps, before + steps * (after - before)], axis=2), 4)
         self.row_density, self.row_cdf = self._distribution(density * scale(rows)[:, :, None], axis=2)
         self.phi_density, self.phi_cdf = self._distribution(rows * scale(total)[:, None], axis=1)

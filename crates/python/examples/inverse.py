@@ -14,8 +14,7 @@ import drjit as dr
 import mitsuba as mi
 
 mi.set_variant("llvm_ad_rgb")
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
-import pearl_mitsuba  # noqa: E402, F401
+import nacre.mitsuba  # noqa: E402, F401
 import pearls  # noqa: E402
 
 HIDDEN = {"depth": 0.8, "brightness": 0.55, "coherence": 0.3}

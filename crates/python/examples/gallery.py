@@ -12,8 +12,7 @@ import sys
 import mitsuba as mi
 import numpy as np
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
-import pearl_mitsuba  # noqa: E402, F401
+import nacre.mitsuba  # noqa: E402, F401
 import pearls  # noqa: E402
 
 SWEEPS = {

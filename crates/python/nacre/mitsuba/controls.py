@@ -6,7 +6,7 @@ from numbers import Real
 from .table import BAKE, PearlError
 
 COMPONENTS = ("diffuse", "incoherent", "mirror", "blur")
-PARAMETERS = ("filename", "depth", "brightness", "coherence", "body_color", "tint", "components")
+PARAMETERS = ("filename", "recipe", "depth", "brightness", "coherence", "body_color", "tint", "components")
 #: The effect of a bake that a control needs, and the part of the section `spectra` that holds it.
 _NEEDS = {"depth": "emission", "coherence": "coherent"}
 
@@ -92,7 +92,7 @@ def read(props, table):
         if name in props:
             return number(name, props[name])
         need = _NEEDS.get(name)
-        return 0.0 if need and not has(table, need) else float(defaults.get(name, default))
+        return 0.0 if need and not table.has(need) else float(defaults.get(name, default))
 
     controls = Controls(
         scalar("depth", 0.5),
@@ -105,18 +105,10 @@ def read(props, table):
     return controls
 
 
-def has(table, effect):
-    """Whether a table has the interference colours of an effect."""
-    if table.spectra is None:
-        return False
-    part = table.spectra.emission if effect == "emission" else table.spectra.modulation
-    return part is not None
-
-
 def check_parts(table, depth, coherence):
     """Refuses controls that ask for a part that the table does not have."""
     for name, value in (("depth", depth), ("coherence", coherence)):
-        if value > 0.0 and not has(table, _NEEDS[name]):
+        if value > 0.0 and not table.has(_NEEDS[name]):
             raise PearlError(
                 f"pearl: {name}: is {value:g}, but {table.name} has no interference colours for it (effect "
                 f"{_NEEDS[name]!r}): set {name} to 0, or bake them with `{BAKE}` where the recipe's look.{name} > 0"

@@ -31,6 +31,8 @@ class Palette:
     #: Albedo of interior, surface, rehit where the factor is 1 ([lobe, node]) and where it is M ([lobe, channel, node]).
     plain: np.ndarray
     modulated: np.ndarray
+    #: Σ curve·weight is the cosine-weighted mean over the hemisphere of a curve read linearly between its nodes.
+    hemispherical: np.ndarray
     #: Whether the first term has one limit for all incidences: what is the same both ways must stay so.
     one_limit: bool
 
@@ -42,35 +44,18 @@ class Palette:
     @lru_cache(maxsize=16)
     def of(cls, table, kind):
         """Channels of kind `rgb`, `mono` (luminance) or `bands` (one channel at all wavelengths for a plain table)."""
-        spectra = table.spectra
-        weights = {"rgb": np.eye(3), "mono": _LUMINANCE, "bands": np.full((1, 3), 1.0 / 3.0)}[kind]
-        if kind == "bands" and spectra is not None:
-            weights = band_weights(spectra.wavelength_nm)
-
-        def rows(part):
-            if part is None:
-                return np.ones((len(weights), curves.NODES))
-            theta, values = part["bands" if kind == "bands" else "rgb"]
-            if kind == "mono":
-                values = values @ _LUMINANCE.T
-            return np.array([curves.monotone(theta, channel)(curves.THETA) for channel in values.T])
-
-        modulation = rows(spectra and spectra.modulation)
-        plain = table.albedos
-        if spectra is None or spectra.modulation is None:
-            modulated = np.repeat(plain[:, None], len(weights), axis=1)
-        else:
-            modulated = np.moveaxis(table.coloured_albedos(modulation.T), 1, 2)
-            plain = table.coloured_albedos(np.ones((curves.NODES, 1)))[:, :, 0]
-        return cls(weights, modulation, rows(spectra and spectra.emission), plain, modulated, table.reciprocal)
-
-
-def band_weights(nm):
-    """Spectral reflectance of a linear sRGB colour: red above 580 nm, green 490 to 580 nm, blue below, joined by ramps
-    of 30 nm. Grey is flat, and nothing leaves the range of the channels, which is what energy needs."""
-    green = np.clip((nm - 490.0) / 30.0 + 0.5, 0.0, 1.0)
-    red = np.clip((nm - 580.0) / 30.0 + 0.5, 0.0, 1.0)
-    return np.stack([red, green - red, 1.0 - green], axis=1)
+        stored = "spectral" if kind == "bands" else "rgb"
+        # Everything is linear in the channels.
+        mixed = (lambda rows: np.tensordot(_LUMINANCE, rows, 1)) if kind == "mono" else (lambda rows: rows)
+        channels = lambda name: mixed(table.arrays[f"{name}_{stored}"])  # noqa: E731
+        of_band = lambda name: mixed(table.arrays[f"{name}_{stored}"][0])  # noqa: E731
+        # Interior, single, rehit; the arrays have the single reflection last.
+        order = [0, 2, 1]
+        plain, modulated = table.arrays["albedo_plain"][0][order], np.moveaxis(of_band("albedo")[:, order], 1, 0)
+        weights = channels("reflectance")
+        return cls(
+            weights, of_band("modulation"), channels("emission"), plain, modulated, table.arrays["mean_weight"], table.reciprocal
+        )
 
 
 class NumPy:
@@ -118,7 +103,7 @@ class Deriver:
         self.tint_weights = [ops.array(column) for column in palette.tint_weights.T]
         self.modulation, self.emission = flat(palette.modulation), flat(palette.emission)
         self.plain, self.modulated = flat(palette.plain.sum(axis=0)), flat(palette.modulated.sum(axis=0))
-        self.hemispherical = flat(curves.HEMISPHERICAL)
+        self.hemispherical = flat(palette.hemispherical)
 
     def tint_of(self, tint):
         """The tint of every channel."""

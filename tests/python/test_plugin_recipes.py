@@ -1,0 +1,156 @@
+"""Mitsuba scenes that name a recipe: what is baked, what is kept, and what happens where it cannot be kept."""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+mi = pytest.importorskip("mitsuba")
+import nacre  # noqa: E402
+import nacre.cache  # noqa: E402
+import nacre.mitsuba  # noqa: E402
+
+#: Bakes in a tenth of a second.
+THIN = {"name": "thin", "stack": {"layers": 6}, "facets": {"slope_sd_deg": 8}, "look": {"depth": 0.0, "coherence": 0.0, "body_rgb": [0.5, 0.5, 0.5]}}
+RENDER = """
+import sys, mitsuba as mi, numpy as np, nacre.mitsuba
+mi.set_variant("scalar_rgb")
+scene = mi.load_dict({
+    "type": "scene", "integrator": {"type": "path", "max_depth": 3}, "light": {"type": "constant"},
+    "sensor": {"type": "perspective", "to_world": mi.ScalarTransform4f().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0]),
+               "film": {"type": "hdrfilm", "width": 8, "height": 8}, "sampler": {"type": "independent", "sample_count": 4}},
+    "pearl": {"type": "sphere", "bsdf": {"type": "pearl", "recipe": sys.argv[1]}},
+})
+np.save(sys.argv[2], np.array(mi.render(scene, seed=1)))
+"""
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("NACRE_CACHE_DIR", str(folder))
+    monkeypatch.setattr(nacre.cache, "_in_memory", {})
+    return folder
+
+
+@pytest.fixture
+def recipe(tmp_path):
+    path = tmp_path / "thin.json"
+    path.write_text(json.dumps(THIN))
+    return path
+
+
+def pearl(recipe, **parameters):
+    mi.set_variant("scalar_rgb")
+    return mi.load_dict({"type": "pearl", "recipe": str(recipe), **parameters})
+
+
+def effects_of(bsdf):
+    return set(bsdf.table.meta["effects"])
+
+
+def test_a_recipe_gives_what_its_table_gives(cache, recipe, tmp_path):
+    bsdf = pearl(recipe)
+    nacre.bake(recipe, solver="auto").save(tmp_path / "table.exr")
+    mi.set_variant("scalar_rgb")
+    table = mi.load_dict({"type": "pearl", "filename": str(tmp_path / "table.exr")})
+    si = mi.SurfaceInteraction3f()
+    for wi, wo in (([0.6, 0, 0.8], [-0.5, 0.1, 0.86]), ([0, 0, 1], [0.1, 0, 0.995])):
+        si.wi = wi
+        np.testing.assert_array_equal(bsdf.eval(mi.BSDFContext(), si, wo), table.eval(mi.BSDFContext(), si, wo))
+    assert "recipe thin" in str(bsdf)
+    # A file beside the scene is found as its other files are.
+    scene = tmp_path / "scene.xml"
+    scene.write_text('<scene version="3.0.0"><bsdf type="pearl" id="p"><string name="recipe" value="thin.json"/></bsdf><shape type="sphere"><ref id="p"/></shape></scene>')
+    assert "recipe thin" in str(mi.load_file(str(scene)).shapes()[0].bsdf())
+
+
+def test_what_is_baked_follows_controls_components_and_variant(cache, recipe):
+    assert effects_of(pearl(recipe)) == {"surface", "blur", "azimuth", "body"}
+    assert "coherent" in effects_of(pearl(recipe, coherence=0.5))
+    assert "emission" in effects_of(pearl(recipe, depth=0.5)) and "coherent" not in effects_of(pearl(recipe, depth=0.5))
+    assert "blur" not in effects_of(pearl(recipe, components="mirror"))
+    decided = nacre.effects(recipe, {"components": ["mirror"], "variant": "scalar_rgb"})
+    assert not decided["blur"]["on"] and "look" in decided["blur"]["why"]
+    assert nacre.effects("golden", {"variant": "llvm_ad_spectral"})["dispersion"]["on"]
+
+
+def test_a_control_that_needs_more_bakes_it_then(cache, recipe):
+    bsdf = pearl(recipe)
+    assert "coherent" not in effects_of(bsdf)
+    parameters = mi.traverse(bsdf)
+    parameters["coherence"] = 0.8
+    parameters.update()
+    assert "coherent" in effects_of(bsdf)
+    si = mi.SurfaceInteraction3f()
+    si.wi = [0.6, 0, 0.8]
+    expected = pearl(recipe, coherence=0.8).eval(mi.BSDFContext(), si, [-0.5, 0.1, 0.86])
+    np.testing.assert_allclose(bsdf.eval(mi.BSDFContext(), si, [-0.5, 0.1, 0.86]), expected, rtol=1e-6)
+
+
+def test_tables_are_kept_and_found_again(cache, recipe, monkeypatch):
+    first = nacre.cache.table(nacre.Recipe(recipe))
+    [entry] = cache.iterdir()
+    nacre.cache._in_memory.clear()
+    monkeypatch.setattr(nacre.cache, "bake", lambda *_, **__: pytest.fail("baked again"))
+    assert nacre.cache.table(nacre.Recipe(recipe)) == first
+    # Another recipe, look or build is another entry.
+    monkeypatch.undo()
+    monkeypatch.setenv("NACRE_CACHE_DIR", str(cache))
+    nacre.cache._in_memory.clear()
+    nacre.cache.table(nacre.Recipe({**THIN, "stack": {"layers": 8}}))
+    nacre.cache.table(nacre.Recipe(recipe), {"coherence": 1.0})
+    assert len(list(cache.iterdir())) == 3 and entry.exists()
+
+
+@pytest.mark.parametrize("damage", [lambda data: b"", lambda data: data[:2000], lambda data: data[:3000] + bytes(400) + data[3400:]])
+def test_a_damaged_entry_is_baked_again(cache, recipe, damage):
+    whole = nacre.cache.table(nacre.Recipe(recipe)).to_bytes()
+    [entry] = cache.iterdir()
+    entry.write_bytes(damage(whole))
+    nacre.cache._in_memory.clear()
+    assert nacre.cache.table(nacre.Recipe(recipe)).to_bytes() == whole
+    assert entry.read_bytes() == whole
+
+
+def test_the_folder_is_bounded(cache, recipe, monkeypatch):
+    size = len(nacre.cache.table(nacre.Recipe(recipe)).to_bytes())
+    monkeypatch.setenv("NACRE_CACHE_MB", str(2.5 * size / 1e6))
+    for layers in (8, 10, 12):
+        os.utime(next(cache.glob("thin-*")), None)
+        time.sleep(0.02)
+        nacre.cache.table(nacre.Recipe({**THIN, "stack": {"layers": layers}}))
+    assert sum(path.stat().st_size for path in cache.iterdir()) <= 2.6 * size and len(list(cache.iterdir())) == 2
+
+
+def test_a_folder_that_cannot_be_written_costs_a_line(tmp_path, recipe, monkeypatch, capfd):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("NACRE_CACHE_DIR", str(tmp_path / "file" / "cache"))
+    monkeypatch.setattr(nacre.cache, "_in_memory", {})
+    assert "Pearl[" in str(pearl(recipe))
+    [line] = capfd.readouterr().err.strip().splitlines()
+    assert line.startswith("nacre: ") and "cannot keep the table of thin" in line
+
+
+def test_processes_share_the_folder(cache, recipe, tmp_path):
+    """Two that bake the same recipe at once, one that is killed on the way, and one after them: the same picture."""
+    command = lambda name: [sys.executable, "-c", RENDER, recipe, tmp_path / f"{name}.npy"]
+    env = {**os.environ, "NACRE_CACHE_DIR": str(cache)}
+    killed = subprocess.Popen(command("killed"), env=env)
+    time.sleep(1.0)
+    killed.kill()
+    killed.wait()
+    both = [subprocess.Popen(command(name), env=env) for name in ("one", "two")]
+    assert [process.wait() for process in both] == [0, 0]
+    subprocess.run(command("after"), env=env, check=True)
+    pictures = [np.load(tmp_path / f"{name}.npy") for name in ("one", "two", "after")]
+    np.testing.assert_array_equal(pictures[0], pictures[1])
+    np.testing.assert_array_equal(pictures[0], pictures[2])
+    assert pictures[0].mean() > 0.1
+    assert [path.suffix for path in cache.iterdir()] == [".exr"]
