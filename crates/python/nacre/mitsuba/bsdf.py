@@ -1,7 +1,5 @@
 """The BSDF plugin `pearl`; docs/PLUGIN.md is its documentation."""
 
-import weakref
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -21,8 +19,8 @@ _INTERIOR, _REHIT, _SURFACE, _BASE = range(4)
 _DIFFUSE, _INCOHERENT, _MIRROR, _BLUR = range(4)
 
 _tables = {}
-#: Tables of recipes, by what `cache.table` gave.
-_baked = weakref.WeakKeyDictionary()
+#: What `cache.table` gave and its Table, by the identity of the first (which the second keeps alive).
+_baked = {}
 
 
 def _above(direction):
@@ -51,9 +49,9 @@ def bake_table(recipe, look):
         stored = cache.table(recipe, look)
     except InputError as error:
         raise PearlError(f"pearl: recipe: {error}") from None
-    if stored not in _baked:
-        _baked[stored] = Table.of(stored, f"recipe {recipe.name}")
-    return _baked[stored]
+    if id(stored) not in _baked:
+        _baked[id(stored)] = stored, Table.of(stored, f"recipe {recipe.name}")
+    return _baked[id(stored)][1]
 
 
 def bsdf_class():
