@@ -132,6 +132,6 @@ def test_the_plugin_refuses_damaged_metadata_in_one_line(fitted, folder, damage)
         OpenEXR.File(header, channels).write(str(folder / "damaged.exr"))
     with pytest.raises(Exception) as refused:
         mi.load_dict({"type": "pearl", "filename": str(folder / "damaged.exr")})
-    assert "metadata is damaged" in str(refused.value) and "bake-brdf" in str(refused.value)
+    assert "attribute pearl field packed" in str(refused.value) and "bake-brdf" in str(refused.value)
     done = subprocess.run([BIN / "lut", "info", folder / "damaged.exr"], capture_output=True, text=True)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and "packed" in done.stderr

@@ -468,14 +468,13 @@ def test_sampling_wastes_next_to_nothing(kind, tables):
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral"])
 @pytest.mark.parametrize("kind", ["decay", "space"])
 def test_nothing_shines_in_a_white_furnace(variant, kind, tables):
-    """Of light from one direction a white body sends back all that the lobes leave, and never more in any channel."""
+    """A white body shows a white surrounding with all that the lobes leave, and never brighter than it is in any channel."""
     use(variant)
     white = {"type": "uniform", "value": 1.0} if "spectral" in variant else rgb([1.0, 1.0, 1.0])
     for depth, coherence, brightness in ((0.0, 0.0, 1.0), (0.0, 0.6, 1.0), (0.5, 1.0, 0.7), (1.0, 1.0, 1.0), (1.0, 0.0, 0.3)):
         bsdf = load(tables[kind], depth=depth, coherence=coherence, brightness=brightness, body_color=white)
         for angle in (0, 45, 75, 88):
-            # Light from wi: the emission looks along wo.
-            _, weight = draws(bsdf, angle, count=100_000, mode=mi.TransportMode.Importance)
+            _, weight = draws(bsdf, angle, count=100_000)
             weight = np.array(weight)
             albedo, error = weight.mean(axis=1), weight.std(axis=1) / np.sqrt(weight.shape[1])
             # Four standard errors: 1 in 30,000 a channel.
@@ -796,3 +795,140 @@ def test_parameters_set_out_of_range_are_refused(tables):
     ):
         with pytest.raises(Exception, match=message):
             set_parameter(load(tables["sparse"]), name, value)
+
+
+# One BSDF, whatever is done to its parameters and whichever way light is traced.
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_rgb"])
+def test_a_change_of_one_pearls_table_reaches_no_other(variant, tables):
+    use(variant)
+    wi, wo = random_pairs(50)
+    before, _ = plugin(load(tables["sparse"], body_color=rgb(GREY)), wi, wo)
+    parameters = mi.traverse(load(tables["sparse"], body_color=rgb(GREY)))
+    lut = parameters["lut"]
+    if variant.startswith("llvm"):
+        lut[2:5] = 0.0
+    else:
+        np.array(lut, copy=False)[2:5] = 0.0
+    parameters["lut"] = lut
+    parameters.update()
+    np.testing.assert_array_equal(plugin(load(tables["sparse"], body_color=rgb(GREY)), wi, wo)[0], before)
+
+
+def scaled_lut(bsdf, change):
+    values = np.array(mi.traverse(bsdf)["lut"]).copy()
+    change(values)
+    set_parameter(bsdf, "lut", mi.TensorXf(values))
+    return bsdf
+
+
+LUT_CHANGES = {
+    "no interior": lambda values: values[..., 0].fill(0.0),
+    "no rehit": lambda values: values[..., 1].fill(0.0),
+    "neither": lambda values: values.fill(0.0),
+    "tiny": lambda values: np.multiply(values, 1e-35, out=values),
+    "a dark row": lambda values: values[3].fill(0.0),
+}
+
+
+@pytest.mark.skipif(bool(LLVM_MISSING), reason=LLVM_MISSING or "")
+@pytest.mark.parametrize("change", LUT_CHANGES)
+@pytest.mark.parametrize("name", ["decay", "space"])
+def test_lobes_without_light_are_not_sampled(name, change, tables):
+    use("llvm_ad_rgb")
+    bsdf = scaled_lut(load(tables[name], body_color=rgb(GREY)), LUT_CHANGES[change])
+    count = 400_000
+    sampler = np.random.default_rng(3).random((3, count)).astype(np.float32)
+    for degrees in (5.0, 60.0):
+        si = interaction(np.tile([[np.sin(np.radians(degrees)), 0, np.cos(np.radians(degrees))]], (count, 1)))
+        sample, weight = bsdf.sample(mi.BSDFContext(), si, mi.Float(sampler[0]), mi.Point2f(sampler[1:]))
+        weight = intensity(weight)[:, 1]
+        # Uniform directions: the same integral, and that of the density.
+        z, phi = sampler[0], 2 * np.pi * sampler[1]
+        sin = np.sqrt(1 - z * z)
+        value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, mi.Vector3f(sin * np.cos(phi), sin * np.sin(phi), z))
+        value, pdf = intensity(value)[:, 1] * 2 * np.pi, np.array(pdf) * 2 * np.pi
+        error = np.hypot(value.std(), weight.std()) / np.sqrt(count)
+        assert abs(weight.mean() - value.mean()) < 5 * error, (degrees, weight.mean(), value.mean(), error)
+        assert abs(pdf.mean() - 1) < 5 * pdf.std() / np.sqrt(count) + 0.01, (degrees, pdf.mean())
+
+
+@pytest.mark.skipif(bool(LLVM_MISSING), reason=LLVM_MISSING or "")
+@pytest.mark.parametrize("name", ["decay", "space"])
+@pytest.mark.parametrize("components", ["mirror", "blur", "all"])
+def test_light_is_traced_through_the_same_surface_both_ways(name, components, tables):
+    use("llvm_ad_rgb")
+    bsdf = load(tables[name], body_color=rgb(GREY), components=components)
+    wi, wo = random_pairs(5000)
+    forward, back = mi.BSDFContext(mi.TransportMode.Radiance), mi.BSDFContext(mi.TransportMode.Importance)
+    importance = intensity(bsdf.eval(back, interaction(wo), mi.Vector3f(wi.T)))
+    radiance = intensity(bsdf.eval(forward, interaction(wi), mi.Vector3f(wo.T)))
+    # f is one function of the viewer and the light; each way has the cosine of the other end.
+    np.testing.assert_allclose(importance / wi[:, 2:], radiance / wo[:, 2:], rtol=2e-4, atol=1e-6)
+
+
+def lamp(integrator, table, components, position):
+    """A plane of pearl under a small lamp near the mirror direction of the camera."""
+    at = mi.ScalarTransform4f()
+    return mi.load_dict({
+        "type": "scene", "integrator": integrator,
+        "sensor": {"type": "perspective", "fov": 30, "to_world": at.look_at([2, 0, 1.2], [0, 0, 0], [0, 0, 1]),
+                   "film": {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}}},
+        "plane": {"type": "rectangle", "bsdf": {"type": "pearl", "filename": str(table), "components": components, "body_color": rgb(GREY)}},
+        "lamp": {"type": "sphere", "center": position, "radius": 0.15, "emitter": {"type": "area", "radiance": rgb([20, 20, 20])}},
+    })  # fmt: skip
+
+
+@pytest.mark.skipif(bool(LLVM_MISSING), reason=LLVM_MISSING or "")
+@pytest.mark.parametrize("components", ["mirror", "all"])
+@pytest.mark.parametrize("position", [[-2, 0, 1.2], [-3, 0, 0.5]])
+def test_light_tracing_and_path_tracing_make_one_picture(components, position, tables):
+    """Sixteen renders each, compared by block: five standard errors of the difference, and 1 % of the mean."""
+    use("llvm_ad_rgb")
+    blocks = {}
+    for kind in ("path", "ptracer", "volpath"):
+        scene = lamp({"type": kind, "max_depth": 2, "hide_emitters": True}, tables["decay"], components, position)
+        renders = [np.array(mi.render(scene, spp=2048 if kind == "ptracer" else 64, seed=k)) for k in range(16)]
+        blocks[kind] = np.array(renders).reshape(16, 4, 2, 4, 2, 3).mean(axis=(2, 4, 5))
+    path = blocks["path"]
+    for kind in ("ptracer", "volpath"):
+        other = blocks[kind]
+        error = np.sqrt((path.var(axis=0, ddof=1) + other.var(axis=0, ddof=1)) / 16)
+        apart = np.abs(path.mean(axis=0) - other.mean(axis=0))
+        assert (apart < 5 * error + 0.01 * path.mean()).all(), (kind, apart / error)
+
+
+def test_bodies_are_reflectances_when_they_are_loaded_and_when_they_are_set(tables):
+    use("llvm_ad_rgb")
+    bsdf = load(tables["sparse"], body_color={"type": "mesh_attribute", "name": "vertex_color"})
+    wi, wo = random_pairs(3)
+    assert np.isfinite(np.array(bsdf.pdf(mi.BSDFContext(), interaction(wi), mi.Vector3f(wo.T)))).all()
+    bitmap = lambda values: {"type": "bitmap", "bitmap": mi.Bitmap(values.astype(np.float32)), "raw": True}
+    good = np.full((4, 4, 3), 0.5)
+    for bad in (-1.0, np.nan):
+        values = good.copy()
+        values[1, 2] = bad
+        with pytest.raises(Exception, match="body_color: .*data has a value|body_color: its mean is nan"):
+            load(tables["sparse"], body_color=bitmap(values))
+        textured = load(tables["sparse"], body_color=bitmap(good))
+        with pytest.raises(Exception, match="body_color: "):
+            set_parameter(textured, "body_color.data", mi.TensorXf(values.astype(np.float32)))
+        with pytest.raises(Exception, match="body_color: "):
+            set_parameter(load(tables["sparse"], body_color=rgb(GREY)), "body_color.value", mi.Color3f(0.5, bad, 0.5))
+    with pytest.raises(Exception, match="lut: has a value that is negative"):
+        scaled_lut(load(tables["sparse"]), lambda values: values[2].fill(-0.1))
+
+
+def test_a_context_of_one_component_says_which_it_sampled(tables):
+    use("scalar_rgb")
+    for component in range(4):
+        context = mi.BSDFContext()
+        context.component = component
+        bsdf = load(tables["decay"], body_color=rgb(GREY))
+        si = mi.SurfaceInteraction3f()
+        si.wi = [0.3, 0.0, 0.954]
+        for u in np.random.default_rng(1).random((20, 3)):
+            sample, weight = bsdf.sample(context, si, float(u[0]), mi.Point2f(float(u[1]), float(u[2])))
+            if sample.pdf > 0:
+                assert sample.sampled_component == component

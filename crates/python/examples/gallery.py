@@ -7,13 +7,12 @@ Needs a Mitsuba variant that runs here: llvm_ad_rgb, else scalar_rgb.
 
 import argparse
 import pathlib
-import sys
 
 import mitsuba as mi
 import numpy as np
+import pearls  # noqa: E402
 
 import nacre.mitsuba  # noqa: E402, F401
-import pearls  # noqa: E402
 
 SWEEPS = {
     "depth": [0.0, 0.25, 0.5, 0.75, 1.0],

@@ -7,15 +7,15 @@ pictures. TABLE has interference colours. Exit 3 if a value is missed by more th
 
 import argparse
 import json
-import pathlib
 import sys
 
 import drjit as dr
 import mitsuba as mi
 
 mi.set_variant("llvm_ad_rgb")
-import nacre.mitsuba  # noqa: E402, F401
 import pearls  # noqa: E402
+
+import nacre.mitsuba  # noqa: E402, F401
 
 HIDDEN = {"depth": 0.8, "brightness": 0.55, "coherence": 0.3}
 START = {"depth": 0.3, "brightness": 0.9, "coherence": 0.7}

@@ -16,7 +16,7 @@ from .table import PearlError
 
 __all__ = ["PearlError"]
 
-_registered = set()
+_registered: set = set()
 
 
 def _register(_old=None, variant=None):

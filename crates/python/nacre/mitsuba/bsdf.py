@@ -18,9 +18,9 @@ _PI = float(np.pi)
 _INTERIOR, _REHIT, _SURFACE, _BASE = range(4)
 _DIFFUSE, _INCOHERENT, _MIRROR, _BLUR = range(4)
 
-_tables = {}
+_tables: dict = {}
 #: What `cache.table` gave and its Table, by the identity of the first (which the second keeps alive).
-_baked = {}
+_baked: dict = {}
 
 
 def _above(direction):
@@ -59,6 +59,15 @@ def bsdf_class():
     types = Types(mi)
     flags = mi.BSDFFlags
     return type("Pearl", (_pearl(mi.BSDF),), {"types": types, "flags_enum": flags})
+
+
+def _numbers(value):
+    """The floating-point numbers of a parameter, or None."""
+    try:
+        numbers = np.asarray(dr.detach(value))
+    except (TypeError, RuntimeError):
+        return None
+    return numbers if numbers.dtype.kind == "f" else None
 
 
 def _recipe(source):
@@ -117,7 +126,8 @@ def _pearl(base):
         def _take(self):
             """What of the table alone is evaluated."""
             types = self.types
-            self.lut = types.TensorXf(self.table.values)
+            # A copy: Dr.Jit lends NumPy's memory, and this one belongs to every pearl of the table.
+            self.lut = types.TensorXf(self.table.values.copy())
             self.tabulated = Tabulated(types, self.table)
             self.facets = Facets(self.table.arrays)
             self.mirror_scale = types.store(self.table.mirror_scale, 1)
@@ -151,9 +161,26 @@ def _pearl(base):
                 self.body = props.get_texture(name, 0.5)
             except RuntimeError:
                 raise PearlError(f"pearl: {name}: is no colour, spectrum or texture") from None
-            mean = float(np.ravel(np.array(self.body.mean()))[0])
+            self._check_body()
+
+        def _check_body(self):
+            """Refuses what is no reflectance, as far as a texture tells."""
+            mean = self._body_mean()
             if not 0.0 <= mean <= 1.0 + 1e-6:
-                raise PearlError(f"pearl: {name}: its mean is {mean:g}; expected reflectances from 0 to 1")
+                raise PearlError(f"pearl: body_color: its mean is {mean:g}; expected reflectances from 0 to 1")
+            for key, value in mi.traverse(self.body).items():
+                # In spectral variants colours are stored as coefficients of any sign.
+                least = -np.inf if self.types.spectral else 0.0
+                numbers = _numbers(value) if key.split(".")[-1] in ("data", "value", "values") else None
+                if numbers is not None and not (np.isfinite(numbers).all() and (numbers >= least).all()):
+                    raise PearlError(f"pearl: body_color: {key} has a value that is negative or not finite; expected reflectances")
+
+        def _body_mean(self):
+            """The mean of the body colour; a half for a texture that does not know its own."""
+            try:
+                return float(np.ravel(np.array(dr.detach(self.body.mean())))[0])
+            except RuntimeError:
+                return 0.5
 
         def _components(self):
             enum = self.flags_enum
@@ -172,16 +199,17 @@ def _pearl(base):
 
         def parameters_changed(self, keys=()):
             keys = set(keys)
-            if any(key.split(".")[0] == "body_color" for key in keys):
-                self.body_rgb = None
+            if not keys or any(key.split(".")[0] == "body_color" for key in keys):
+                self._check_body()
+                if keys:
+                    self.body_rgb = None
             if not keys or "lut" in keys:
                 values, shape = np.array(dr.detach(self.lut)), self.table.values.shape
                 if values.shape != shape:
                     raise PearlError(f"pearl: lut: has the shape {values.shape}; expected that of the table, {shape}")
-                if not np.isfinite(values).all():
-                    raise PearlError("pearl: lut: has a value that is not finite")
-                # What is sampled must be a density.
-                self.tabulated.set_values(np.maximum(values, 0.0), self.lut.array if self.types.jit else values)
+                if not (np.isfinite(values).all() and (values >= 0.0).all()):
+                    raise PearlError("pearl: lut: has a value that is negative or not finite")
+                self.tabulated.set_values(values, self.lut.array if self.types.jit else values)
             if self.recipe is not None:
                 self._bake_what_is_called_for()
             self._derive()
@@ -224,7 +252,7 @@ def _pearl(base):
             if not (types.spectral or types.mono or self.body.is_spatially_varying()):
                 value = self.body.eval(dr.zeros(mi.SurfaceInteraction3f))
                 return np.clip(np.array(dr.detach(value)).reshape(3), 0.0, 1.0)
-            return np.full(3, float(np.clip(np.ravel(np.array(self.body.mean()))[0], 0.0, 1.0)))
+            return np.full(3, min(max(self._body_mean(), 0.0), 1.0))
 
         # What Mitsuba calls.
 
@@ -249,9 +277,9 @@ def _pearl(base):
                 return record, mi.depolarizer(types.UnpolarizedSpectrum(0.0))
             wi = dr.select(active, si.wi, types.Vector3f(0.0, 0.0, 1.0))
             polar = Polar.of(wi)
-            chance = self._chances(ctx, polar, active)
-            total = chance[0] + chance[1] + chance[2] + chance[3]
             at = self.tabulated.incidence(polar, active)
+            chance = self._chances(ctx, polar, at, active)
+            total = chance[0] + chance[1] + chance[2] + chance[3]
             active = active & (total > 0.0)
             part, select = self._choose(chance, sample1 * total)
             lobe = part <= _REHIT
@@ -268,7 +296,7 @@ def _pearl(base):
             value, pdf = self._value_and_density(ctx, si, pair, at, chance, active)
             active = active & (pdf > 0.0)
             record.wo, record.pdf, record.eta = wo, dr.select(active, pdf, 0.0), 1.0
-            base = _DIFFUSE if self.shown[_DIFFUSE] else _INCOHERENT
+            base = _DIFFUSE if self._enabled(ctx)[_DIFFUSE] else _INCOHERENT
             component = dr.select(part == _BASE, types.UInt32(base), types.UInt32(_MIRROR))
             record.sampled_component = dr.select(part == _INTERIOR, types.UInt32(_BLUR), component)
             diffuse, glossy = (types.UInt32(int(+kind)) for kind in (
@@ -306,7 +334,7 @@ def _pearl(base):
             wi, wo = dr.select(lit, wi, normal), dr.select(active, wo, normal)
             pair = Pair.of(Polar.of(wi), Polar.of(wo))
             at = self.tabulated.incidence(pair.incidence, lit)
-            chance = self._chances(ctx, pair.incidence, lit)
+            chance = self._chances(ctx, pair.incidence, at, lit)
             return self._value_and_density(ctx, si, pair, at, chance, active, want_value)
 
         def _value_and_density(self, ctx, si, pair, at, chance, active, want_value=True):
@@ -315,7 +343,15 @@ def _pearl(base):
             pdf = dr.select(active, self._density(chance, pair, at, exit, cells), 0.0)
             if not want_value:
                 return None, pdf
-            value = self._shade(ctx, si, pair, at, exit, cells, active)
+            if ctx.mode == mi.TransportMode.Radiance:
+                value = self._shade(ctx, si, pair, at, exit, cells, active)
+            else:
+                # Light is traced the other way through the same surface: f is that of the viewer at wo.
+                back = Pair.of(pair.exit, pair.incidence)
+                at = self.tabulated.incidence(back.incidence, active)
+                exit = self.tabulated.exit(at, back.exit, back.y2)
+                value = self._shade(ctx, si, back, at, exit, self.tabulated.read(at, exit, active), active)
+                value = value * (pair.exit.cos / dr.maximum(pair.incidence.cos, 1e-12))
             return dr.select(active, value, self.types.UnpolarizedSpectrum(0.0)), pdf
 
         def _density(self, chance, pair, at, exit, cells):
@@ -326,13 +362,16 @@ def _pearl(base):
             pdf = pdf + chance[_BASE] * pair.exit.cos * (1.0 / _PI)
             return dr.select(total > 0.0, pdf / dr.maximum(total, 1e-12), 0.0)
 
-        def _chances(self, ctx, polar, active):
-            """Weights of interior, rehit, surface, base; components that the context hides have none."""
+        def _chances(self, ctx, polar, at, active):
+            """Weights of interior, rehit, surface, base; components that the context hides have none, nor have lobes without light."""
             index, fraction = self._place(polar.cos, polar.sin)
             chance = self.chances.between(index, fraction, active)
             diffuse, incoherent, mirror, blur = self._enabled(ctx)
             kept = [blur, mirror, mirror, diffuse or incoherent]
-            return [weight * float(keep) for weight, keep in zip(chance, kept)]
+            chance = [weight * float(keep) for weight, keep in zip(chance, kept)]
+            for lobe, lit in zip((_INTERIOR, _REHIT), self.tabulated.lit(at)):
+                chance[lobe] = dr.select(lit, chance[lobe], 0.0)
+            return chance
 
         def _choose(self, chance, rest):
             """The part that a share of the weights' sum falls on, and what is left of the random number."""
@@ -399,12 +438,10 @@ def _pearl(base):
             mirror = rehit + self.facets.eval(pair.half) * scale
             diffuse, incoherent, show_mirror, show_blur = (float(shown) for shown in self._enabled(ctx))
             lobe = interior * show_blur + mirror * show_mirror
-            # The one of the two directions that looks at the surface gives the emission's hue.
-            view = 0 if ctx.mode == mi.TransportMode.Radiance else 1
             depth = self.used_depth
             light = Light(lobe, pair.exit.cos, depth, (1.0 - depth) * diffuse, depth * incoherent)
             wavelengths = si.wavelengths if self.types.spectral else None
-            values = self.colours.shade(light, places, view, self.body.eval(si, active), wavelengths, active)
+            values = self.colours.shade(light, places, self.body.eval(si, active), wavelengths, active)
             return self.types.UnpolarizedSpectrum(*values)
 
     return Pearl

@@ -9,7 +9,6 @@ differentiable ones alike.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -41,9 +40,14 @@ class Palette:
         return len(self.tint_weights)
 
     @classmethod
-    @lru_cache(maxsize=16)
     def of(cls, table, kind):
-        """Channels of kind `rgb`, `mono` (luminance) or `bands` (one channel at all wavelengths for a plain table)."""
+        """Channels of kind `rgb`, `mono` (luminance) or `bands` (one channel at all wavelengths for a plain table), once a table."""
+        if kind not in table.palettes:
+            table.palettes[kind] = cls._of(table, kind)
+        return table.palettes[kind]
+
+    @classmethod
+    def _of(cls, table, kind):
         stored = "spectral" if kind == "bands" else "rgb"
         # Everything is linear in the channels.
         mixed = (lambda rows: np.tensordot(_LUMINANCE, rows, 1)) if kind == "mono" else (lambda rows: rows)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-
 _PI = float(np.pi)
 _HALF_PI = 0.5 * _PI
 _TINY = 1e-30
@@ -273,6 +272,9 @@ class Tabulated:
         """Values and what is sampled of each; shares of that around the normal at the steps of spans, where they are known."""
         types = self.types
         values, density = np.asarray(values, float), np.asarray(density, float)
+        # Only their proportions matter within a lobe: near 1, whatever the values are.
+        largest = density.sum(axis=(1, 2)).max(axis=0)
+        density = density / np.where(largest > 0.0, largest, 1.0)
         rows = density.sum(axis=2)
         total = rows.sum(axis=1)
         # Values and densities side by side: one record holds what both lobes have in a cell.
@@ -368,6 +370,11 @@ class Tabulated:
             self_phi = Warp(self.axis.width * dr.tan(dr.maximum(room, 1e-7)), None, _PI, self.rows)
         return Incidence(polar, node, following, fraction, [dr.rcp(interior), dr.rcp(rehit)], total, cap, columns, room, concentration, self_phi)
 
+    @staticmethod
+    def lit(at):
+        """Whether there is anything to sample of interior and rehit."""
+        return [total > _TINY for total in at.total]
+
     def exit(self, at, polar, y2):
         """Where an exit direction lies in the table."""
         steep = dr.minimum(at.polar.cos, polar.cos) > 0.7
@@ -424,7 +431,7 @@ class Tabulated:
             # Half of it on either side of the plane of incidence.
             scale = 0.5 / dr.maximum(exit.measure, _POLE**2)
             density = [scale * dr.fma(exit.row[1], b - a, a) for a, b in zip(first, second)]
-        density = [dr.select(t > 0.0, d / dr.maximum(t, _TINY), 0.0) for d, t in zip(density, at.total)]
+        density = [dr.select(t > _TINY, d / dr.maximum(t, _TINY), 0.0) for d, t in zip(density, at.total)]
         in_cap = exit.sin < self.cap_sin
         return [dr.select(in_cap, share * self.cap_density, d) for share, d in zip(at.cap, density)]
 

@@ -60,14 +60,14 @@ class Channels:
         self.limit = store(derived.limit) if _limits(types, derived.limit) else None
         self.base = types.rearranged(_base(types, derived), channel[None], width)
 
-    def shade(self, light, places, view, body, wavelengths, active):
-        """Values of all channels. places: of θi, θo and θd; view: which of them looks at the surface."""
+    def shade(self, light, places, body, wavelengths, active):
+        """Values of all channels. places: of the viewer, of the light, and of θd."""
         at_i, at_o, at_d = places
         read = lambda store, place: store.between(*place, active)  # noqa: E731
         scale = self.base.read(self.types.UInt32(0), active)
         limit = read(self.limit, at_i) if self.limit else [1.0] * self.count
         records = (
-            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.emission, places[view])
+            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.emission, at_i)
         )  # fmt: skip
         asked = range(self.count) if wavelengths is None else [0] * len(wavelengths)
         return [
@@ -91,11 +91,11 @@ class Bands:
         low = np.arange(self.last)[:, None]
         self.base = types.rearranged(_base(types, derived), low + np.array([0, 1]), 2)
 
-    def shade(self, light, places, view, body, wavelengths, active):
-        """Values at the wavelengths. places: of θi, θo and θd; view: which of them looks at the surface."""
-        return [self._at(light, places, view, body[k], wavelengths[k], active) for k in range(len(wavelengths))]
+    def shade(self, light, places, body, wavelengths, active):
+        """Values at the wavelengths. places: of the viewer, of the light, and of θd."""
+        return [self._at(light, places, body[k], wavelengths[k], active) for k in range(len(wavelengths))]
 
-    def _at(self, light, places, view, body, nm, active):
+    def _at(self, light, places, body, nm, active):
         x = dr.clip((nm - self.first) * self.per_nm, 0.0, float(self.last))
         band = dr.minimum(self.types.floor(x), self.last - 1)
 
@@ -108,7 +108,7 @@ class Bands:
         scales = self.base.read(band, active)
         limit = read(self.limit, at_i) if self.limit else (1.0, 1.0)
         records = (
-            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.emission, places[view])
+            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.emission, at_i)
         )  # fmt: skip
         below, above = (
             light.coloured(body, scale, *(record[k] for record in records)) for k, scale in enumerate(scales)

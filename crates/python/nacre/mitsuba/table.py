@@ -24,6 +24,8 @@ class Table:
     name: str
     meta: dict = field(repr=False)
     arrays: dict = field(repr=False)
+    #: What `colours` makes of it, by kind.
+    palettes: dict = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, stored, name):
