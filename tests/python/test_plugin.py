@@ -932,3 +932,21 @@ def test_a_context_of_one_component_says_which_it_sampled(tables):
             sample, weight = bsdf.sample(context, si, float(u[0]), mi.Point2f(float(u[1]), float(u[2])))
             if sample.pdf > 0:
                 assert sample.sampled_component == component
+
+
+@pytest.mark.skipif(bool(LLVM_MISSING), reason=LLVM_MISSING or "")
+@pytest.mark.parametrize("name", ["decay", "space"])
+def test_a_render_can_be_frozen(name, tables):
+    """The same pictures as without, from calls that replay, also after a control has changed."""
+    use("llvm_ad_rgb")
+    scene = lamp({"type": "path", "max_depth": 3}, tables[name], "all", [-2, 0, 1.2])
+    parameters = mi.traverse(scene)
+    key = next(key for key in parameters.keys() if key.endswith("brightness"))
+    frozen = dr.freeze(lambda scene, seed: mi.render(scene, spp=16, seed=seed))
+    for brightness in (1.0, 0.4):
+        parameters[key] = brightness
+        parameters.update()
+        for seed in range(3):
+            expected = np.array(mi.render(scene, spp=16, seed=seed))
+            np.testing.assert_allclose(np.array(frozen(scene, mi.UInt32(seed))), expected, rtol=1e-4, atol=1e-5)
+    assert frozen.n_recordings <= 4

@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import time
@@ -12,10 +13,12 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 mi = pytest.importorskip("mitsuba")
+import llvm  # noqa: E402  (it needs drjit)
 import nacre  # noqa: E402
 import nacre.cache  # noqa: E402
 import nacre.mitsuba  # noqa: E402
 
+LLVM_MISSING = llvm.missing("the page's script is")
 #: Bakes in a tenth of a second.
 THIN = {"name": "thin", "stack": {"layers": 6}, "facets": {"slope_sd_deg": 8}, "look": {"depth": 0.0, "coherence": 0.0, "body_rgb": [0.5, 0.5, 0.5]}}
 RENDER = """
@@ -53,6 +56,22 @@ def pearl(recipe, **parameters):
 
 def effects_of(bsdf):
     return set(bsdf.table.meta["effects"])
+
+
+@pytest.mark.skipif(bool(LLVM_MISSING), reason=LLVM_MISSING or "")
+def test_the_script_of_the_page_renders_a_pearl(cache, tmp_path):
+    page = (ROOT / "docs" / "PLUGIN.md").read_text()
+    script = re.search(r"^```python\n(.*?)^```", page, re.S | re.M)[1]
+    seconds = []
+    for _ in range(2):
+        started = time.monotonic()
+        done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env={**os.environ, "NACRE_CACHE_DIR": str(cache)}, capture_output=True, text=True)
+        seconds.append(time.monotonic() - started)
+        assert done.returncode == 0, done.stderr
+    print(f"from nothing {seconds[0]:.1f} s, from the cache {seconds[1]:.1f} s")
+    picture = np.array(mi.Bitmap(str(tmp_path / "pearl.png")))
+    assert picture.shape[:2] == (256, 256) and picture.std() > 20
+    assert [path.name.split("-")[0] for path in cache.iterdir()] == ["akoya"]
 
 
 def test_a_recipe_gives_what_its_table_gives(cache, recipe, tmp_path):

@@ -11,7 +11,7 @@ from . import curves, table
 from .colours import Deriver, NumPy, Palette, chances
 from .lobes import Facets, Pair, Polar, Tabulated
 from .paint import Bands, Channels, Light
-from .store import Types
+from .store import Types, reachable
 from .table import PearlError, Table
 
 _PI = float(np.pi)
@@ -243,6 +243,9 @@ def _pearl(base):
             self.colours = self.painter(types, derived, self.bands)
             self.used_depth = given[0]
             self.chances = types.store(chances(self.rgb_palette, plain, self._body_for_sampling(), self.shown), 4)
+            # What Dr.Jit finds by itself of an object is what lies in its own attributes, lists among them.
+            parts = (self.tabulated, self.mirror_scale, self.derive, self.colours, self.chances, self.used_depth)
+            self.reachable = list(reachable(parts)) if types.jit else []
 
         def _body_for_sampling(self):
             """The body colour by which the base is sampled, by RGB channel: exact for an RGB value, else its mean."""

@@ -4,6 +4,19 @@ import drjit as dr
 import numpy as np
 
 
+def reachable(part):
+    """The arrays of Dr.Jit in an object of ours and in what it holds: those that `dr.freeze` must know."""
+    if part is None:
+        return
+    if dr.is_jit_v(part):
+        yield part
+    elif isinstance(part, (list, tuple)):
+        for each in part:
+            yield from reachable(each)
+    elif type(part).__module__.startswith(__package__) and not isinstance(part, Types):
+        yield from reachable(list(vars(part).values()))
+
+
 class JitStore:
     """Records of `width` floats, read together; differentiable in `data`."""
 
