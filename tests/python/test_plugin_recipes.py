@@ -70,7 +70,7 @@ def test_the_script_of_the_page_renders_a_pearl(cache, tmp_path):
         assert done.returncode == 0, done.stderr
     print(f"from nothing {seconds[0]:.1f} s, from the cache {seconds[1]:.1f} s")
     picture = np.array(mi.Bitmap(str(tmp_path / "pearl.png")))
-    assert picture.shape[:2] == (256, 256) and picture.std() > 20
+    assert picture.shape[:2] == (256, 256) and picture.std() > 10
     assert [path.name.split("-")[0] for path in cache.iterdir()] == ["akoya"]
 
 
