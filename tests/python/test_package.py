@@ -68,6 +68,9 @@ def test_a_recipe_comes_from_a_name_a_path_or_a_dict(tmp_path):
         path = ROOT / "data" / "recipes" / f"{name}.json"
         of_name = nacre.Recipe(name)
         assert of_name.name == name
+        marked = tmp_path / "marked.json"
+        marked.write_text("\ufeff" + path.read_text(), encoding="utf-8")
+        assert nacre.Recipe(marked) == of_name
         assert of_name == nacre.Recipe(path) == nacre.Recipe(str(path)) == nacre.Recipe(json.loads(path.read_text())) == nacre.Recipe(of_name.to_dict())
     named = json.loads(run("bake-brdf", "plan", "akoya", "--json"))
     assert nacre.plan("akoya")["pearls"][0]["effects"].keys() == named["pearls"][0]["effects"].keys()
@@ -344,12 +347,16 @@ def test_gain_amplifies_where_it_is_meant():
 def wrong(pearl, table, folder):
     film = nacre.thinfilm.spectrum
     (folder / "cut.exr").write_bytes(table.to_bytes()[:1000])
+    (folder / "utf16.json").write_text("{}", encoding="utf-16")
+    (folder / "long.json").write_text(" " * (17 << 20))
     (folder / "bad.json").write_text('{"stack": {"layers": 2, "layer": 3}}')
     bake = lambda **options: nacre.bake("paper", **options)
     return {
         "akoja: there is no such file": lambda: nacre.bake("akoja"),
         "recipe: is a list": lambda: nacre.bake([1, 2]),
         "stack.layers": lambda: nacre.bake({"stack": {"layers": -3}}),
+        "utf16.json: is not encoded in UTF-8": lambda: nacre.Recipe(folder / "utf16.json"),
+        "long.json: is longer than": lambda: nacre.Recipe(folder / "long.json"),
         "unknown field `layer`": lambda: nacre.Recipe(folder / "bad.json"),
         "not JSON compliant": lambda: nacre.Recipe({"stack": {"aragonite": {"n": float("nan")}}}),
         "not JSON serializable": lambda: nacre.Recipe({"stack": {1, 2}}),

@@ -1,6 +1,6 @@
 //! Bakes.
 
-use crate::convert::row;
+use crate::convert::{names, row};
 use crate::errors::{failure, field, input, of_bake};
 use crate::recipe::Recipe;
 use crate::table::Table;
@@ -204,15 +204,8 @@ fn parse_azimuth(name: &str) -> PyResult<AzimuthMode> {
         .ok_or_else(|| field("azimuth", format_args!("{name:?} is not one of decay, space")))
 }
 
-/// A list of names, or one text of them with commas.
+/// The effects of a list, and the azimuth mode that it may have.
 fn parse_effects(effects: Option<&Bound<'_, PyAny>>) -> PyResult<(Effects, Option<AzimuthMode>)> {
     let Some(effects) = effects else { return Ok((Effects::default(), None)) };
-    let list = match effects.extract::<String>() {
-        Ok(text) => text,
-        Err(_) => {
-            let names = effects.extract::<Vec<String>>();
-            names.map_err(|_| field("effects", "is not a list of names"))?.join(",")
-        }
-    };
-    Effects::parse(&list).map_err(input)
+    Effects::parse(&names("effects", effects)?.join(",")).map_err(input)
 }

@@ -61,6 +61,14 @@ pub(crate) fn row(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
     Ok(numbers.values().to_vec())
 }
 
+/// A list of names, or one text of them with commas.
+pub(crate) fn names(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+    match value.extract::<String>() {
+        Ok(text) => Ok(text.split(',').map(str::to_owned).collect()),
+        Err(_) => value.extract().map_err(|_| field(name, "is not a list of names")),
+    }
+}
+
 /// An array as NumPy's own, without a copy.
 pub(crate) fn array<'py, T: Element>(
     py: Python<'py>,

@@ -1,8 +1,8 @@
 //! How a pearl is looked at: what decides, beside its recipe, which effects are baked.
 
-use crate::convert::{numbers, to_python};
+use crate::convert::to_python;
 use crate::errors::{field, input};
-use crate::pearl::shown;
+use crate::pearl::{rgb, shown};
 use crate::recipe::Recipe;
 use bake_brdf::effects::{Decisions, Setting, Shown, View};
 use bake_brdf::recipe::Recipe as Ours;
@@ -55,15 +55,7 @@ pub(crate) fn view(recipe: &Ours, look: Option<&Bound<'_, PyDict>>) -> PyResult<
             "brightness" => view.brightness = number()?,
             "coherence" => view.coherence = number()?,
             "body_color" if value.is_none() => view.body = Setting::new(None, FROM),
-            "body_color" => {
-                let colour = numbers(&name, &value)?;
-                let rgb = match colour.values() {
-                    [grey] => [*grey; 3],
-                    [r, g, b] => [*r, *g, *b],
-                    _ => return Err(field(&name, "is not one number or three")),
-                };
-                view.body = Setting::new(Some(rgb), FROM);
-            }
+            "body_color" => view.body = Setting::new(Some(rgb(&name, &value)?), FROM),
             "components" => {
                 let Components { diffuse, incoherent, mirror, blur } = shown(&value)?;
                 view.shown = Setting::new(Shown { diffuse, incoherent, mirror, blur }, FROM);

@@ -102,12 +102,7 @@ impl Pearl {
         wi: &Bound<'py, PyAny>,
         wo: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let (shape, wi, wo) = pairs(wi, wo)?;
-        let (wi, wo) = (wi.vectors(), wo.vectors());
-        let mut out = vec![0.0; 3 * shape.iter().product::<usize>()];
-        let triples = out.as_chunks_mut::<3>().0;
-        py.detach(|| self.evaluate(wi, wo, triples, |rgb, value| *rgb = value.rgb())).map_err(refuse)?;
-        array(py, &with(&shape, &[3]), out)
+        self.evaluate(py, wi, wo, &[3], Evaluation::rgb)
     }
 
     /// As `eval`, each component by itself: [..., component, channel], components in the order of `Pearl.COMPONENTS`.
@@ -117,15 +112,11 @@ impl Pearl {
         wi: &Bound<'py, PyAny>,
         wo: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let (shape, wi, wo) = pairs(wi, wo)?;
-        let (wi, wo) = (wi.vectors(), wo.vectors());
-        let mut out = vec![0.0; 12 * shape.iter().product::<usize>()];
-        let parts = out.as_chunks_mut::<12>().0;
-        let put = |parts: &mut [f64; 12], value: &Evaluation| {
-            parts.copy_from_slice(value.parts().as_flattened());
-        };
-        py.detach(|| self.evaluate(wi, wo, parts, put)).map_err(refuse)?;
-        array(py, &with(&shape, &[4, 3]), out)
+        self.evaluate(py, wi, wo, &[4, 3], |value| {
+            let mut numbers = [0.0; 12];
+            numbers.copy_from_slice(value.parts().as_flattened());
+            numbers
+        })
     }
 
     /// As `eval` at wavelengths: [..., wavelength], all components together.
@@ -256,19 +247,27 @@ impl Pearl {
 }
 
 impl Pearl {
-    fn evaluate<T: Send>(
+    /// N numbers of every pair, in an array that ends with their shape.
+    fn evaluate<'py, const N: usize>(
         &self,
-        wi: Vectors<'_>,
-        wo: Vectors<'_>,
-        out: &mut [T],
-        put: impl Fn(&mut T, &Evaluation) + Sync,
-    ) -> Result<(), NoDirection> {
-        by_pieces(wi, wo, out, 1, |wi, wo, out| {
+        py: Python<'py>,
+        wi: &Bound<'py, PyAny>,
+        wo: &Bound<'py, PyAny>,
+        last: &[usize],
+        numbers: impl Fn(&Evaluation) -> [f64; N] + Sync,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let (shape, wi, wo) = pairs(wi, wo)?;
+        let (wi, wo) = (wi.vectors(), wo.vectors());
+        let mut out = vec![0.0; N * shape.iter().product::<usize>()];
+        let places = out.as_chunks_mut::<N>().0;
+        let ask = |wi: &[Direction], wo: &[Direction], out: &mut [[f64; N]]| {
             let mut values = [Evaluation::default(); PIECE];
             let values = &mut values[..wi.len()];
             self.bsdf.eval_seen_many(wi, wo, values);
-            out.iter_mut().zip(values.iter()).for_each(|(out, value)| put(out, value));
-        })
+            out.iter_mut().zip(values.iter()).for_each(|(out, value)| *out = numbers(value));
+        };
+        py.detach(|| by_pieces(wi, wo, places, 1, ask)).map_err(refuse)?;
+        array(py, &with(&shape, last), out)
     }
 }
 
@@ -298,9 +297,9 @@ impl Vectors<'_> {
     /// The directions of a piece.
     fn directions(self, first: usize, count: usize, unit: &mut Vec<Direction>) -> Result<(), NoDirection> {
         unit.clear();
-        let piece = match self.vectors {
-            [one] => std::slice::from_ref(one),
-            all => &all[first..first + count],
+        let (first, piece) = match self.vectors {
+            [one] => (0, std::slice::from_ref(one)),
+            all => (first, &all[first..first + count]),
         };
         for (at, v) in piece.iter().enumerate() {
             let length2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
@@ -330,7 +329,8 @@ pub(crate) fn table_of<'py>(source: &Bound<'py, PyAny>) -> PyResult<Bound<'py, T
     Ok(source.py().get_type::<Table>().call1((source,))?.cast_into::<Table>()?)
 }
 
-fn rgb(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
+/// A colour, or a grey by one number.
+pub(crate) fn rgb(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
     let numbers = numbers(name, value)?;
     match (&numbers.shape[..], numbers.values()) {
         ([], [grey]) => Ok([*grey; 3]),
@@ -342,12 +342,7 @@ fn rgb(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
 }
 
 pub(crate) fn shown(names: &Bound<'_, PyAny>) -> PyResult<Components> {
-    let list = match names.extract::<String>() {
-        Ok(text) => text.split(',').map(str::to_owned).collect(),
-        Err(_) => {
-            names.extract::<Vec<String>>().map_err(|_| field("components", "is not a list of names"))?
-        }
-    };
+    let list = crate::convert::names("components", names)?;
     Components::from_names(list.iter().map(String::as_str)).ok_or_else(|| {
         let names = Components::NAMES.join(", ");
         field("components", format_args!("{} is not all or a list of {names}", list.join(",")))

@@ -1,13 +1,14 @@
 //! Recipes.
 
 use crate::convert::{array, row, to_json, to_python};
-use crate::errors::{field, input, of_io};
+use crate::errors::{field, input};
 use bake_brdf::recipe::{self, Recipe as Ours};
 use num_complex::Complex64;
 use numpy::{IntoPyArray as _, PyArray1, PyArrayDyn};
+use pyo3::exceptions::PyUnicodeDecodeError;
 use pyo3::prelude::*;
-use pyo3::types::{PyAny, PyDict};
-use std::path::PathBuf;
+use pyo3::types::{IntoPyDict as _, PyAny, PyDict};
+use std::path::{Path, PathBuf};
 
 /// A recipe: layers, facets, azimuth mode and look of a pearl.
 #[pyclass(frozen, module = "nacre", from_py_object)]
@@ -103,28 +104,32 @@ impl Recipe {
         if let Some(text) = path.to_str().and_then(recipe::built_in) {
             return Ok(Self { inner: Ours::from_json(text).map_err(input)? });
         }
-        let size = std::fs::metadata(&path).map_err(|error| not_there(&path, &error))?.len();
-        if size > recipe::MAX_BYTES {
-            let most = recipe::MAX_BYTES;
-            return Err(field(
-                &path.display().to_string(),
-                format_args!("has {size} bytes, expected at most {most}"),
-            ));
-        }
-        let text = std::fs::read_to_string(&path).map_err(|error| of_io(&path, &error))?;
+        let text = text(source.py(), &path)?;
         let inner = Ours::from_json(&text).map_err(|why| field(&path.display().to_string(), why))?;
         Ok(Self { inner })
     }
 }
 
-/// What is neither a file nor a built-in recipe is wrong input; other errors are the system's.
-fn not_there(path: &std::path::Path, error: &std::io::Error) -> PyErr {
-    if error.kind() != std::io::ErrorKind::NotFound {
-        return of_io(path, error);
+/// The text of a file as Python reads it: UTF-8 with or without a byte-order mark, no more than a recipe may be long.
+fn text(py: Python<'_>, path: &Path) -> PyResult<String> {
+    if !path.exists() {
+        let names = recipes().join(", ");
+        let why = format!("there is no such file, and the built-in recipes are {names}");
+        return Err(field(&path.display().to_string(), why));
     }
-    let names = recipes().join(", ");
-    field(
-        &path.display().to_string(),
-        format_args!("there is no such file, and the built-in recipes are {names}"),
-    )
+    let (mode, encoding) = (("mode", "r"), ("encoding", "utf-8-sig"));
+    let file = py.import("io")?.call_method("open", (path,), Some(&[mode, encoding].into_py_dict(py)?))?;
+    let text = file.call_method1("read", (recipe::MAX_BYTES + 1,));
+    file.call_method0("close")?;
+    let text: String = text
+        .map_err(|error| match error.is_instance_of::<PyUnicodeDecodeError>(py) {
+            true => field(&path.display().to_string(), "is not encoded in UTF-8"),
+            false => error,
+        })?
+        .extract()?;
+    if text.len() as u64 > recipe::MAX_BYTES {
+        let why = format!("is longer than {} bytes", recipe::MAX_BYTES);
+        return Err(field(&path.display().to_string(), why));
+    }
+    Ok(text)
 }

@@ -16,7 +16,8 @@ use thinfilm::dense::Spectra;
 use thinfilm::ensemble::{self, Members};
 use thinfilm::stack::Indices;
 use thinfilm::{
-    Dispersion, Gain, Incidence, Material, Polarisation, Stack, StackError, StackLayer, StackRun, dense,
+    Dispersion, Gain, Incidence, Material, Multilayer, Polarisation, Stack, StackError, StackLayer, StackRun,
+    WaveError, dense,
 };
 
 /// Arrays of s and p.
@@ -195,6 +196,33 @@ pub(crate) fn film_spectrum<'py>(
     ))
 }
 
+/// What the robust form says of every wave of a batch, s and p: by case of [stack, angle, wavelength].
+fn by_wave<T: Send>(
+    py: Python<'_>,
+    batch: &Batch,
+    angles: &[f64],
+    solve: impl Fn(&Multilayer, f64, Incidence, Polarisation) -> Result<T, WaveError> + Sync,
+) -> PyResult<Vec<[T; 2]>> {
+    let waves = batch.wavelengths.len();
+    let solved = py.detach(|| {
+        let ones: Vec<One> = (0..batch.stacks).into_par_iter().map(|stack| batch.one(stack)).collect();
+        let case = |case: usize| {
+            let (row, wave) = (case / waves, case % waves);
+            let (stack, angle) = (row / angles.len(), row % angles.len());
+            let One { stack: films, indices } = &ones[stack];
+            let of = || -> Result<[T; 2], StackError> {
+                films.check_indices(&indices[wave])?;
+                let film = films.with_indices(&indices[wave]);
+                let of = |pol| solve(&film, batch.wavelengths[wave], Incidence::Angle(angles[angle]), pol);
+                Ok([of(Polarisation::S)?, of(Polarisation::P)?])
+            };
+            of().map_err(|error| (stack, error))
+        };
+        (0..batch.stacks * angles.len() * waves).into_par_iter().map(case).collect::<Result<_, _>>()
+    });
+    solved.map_err(|(stack, error)| batch.named(stack, &error))
+}
+
 /// Amplitudes r and t: [stack, angle, wavelength] of s and p.
 #[pyfunction]
 pub(crate) fn film_amplitudes<'py>(
@@ -207,43 +235,12 @@ pub(crate) fn film_amplitudes<'py>(
 ) -> PyResult<(Pair<'py, Complex64>, Pair<'py, Complex64>)> {
     let batch = Batch::new(&n, &d_nm, wavelengths_nm, gain)?;
     let angles = radians(angles_deg)?;
-    let waves = batch.wavelengths.len();
-    // [stack, wavelength] of [angle][s, p] of (r, t).
-    let solved: Vec<Vec<[[Complex64; 2]; 2]>> = py
-        .detach(|| {
-            let ones: Vec<One> = (0..batch.stacks).into_par_iter().map(|stack| batch.one(stack)).collect();
-            let cases = (0..batch.stacks * waves).into_par_iter();
-            cases
-                .map(|case| {
-                    let (stack, wave) = (case / waves, case % waves);
-                    let One { stack: films, indices } = &ones[stack];
-                    let wavelength = batch.wavelengths[wave];
-                    let named = |error: StackError| (stack, error);
-                    films.check_indices(&indices[wave]).map_err(named)?;
-                    let film = films.with_indices(&indices[wave]);
-                    let at = |angle: &f64| {
-                        let mut both = [[Complex64::default(); 2]; 2];
-                        for (pol, out) in Polarisation::BOTH.into_iter().zip(&mut both) {
-                            let response = film.solve_with_gain(wavelength, Incidence::Angle(*angle), pol);
-                            let response = response.map_err(|error| named(error.into()))?;
-                            *out = [response.r, response.t];
-                        }
-                        Ok(both)
-                    };
-                    angles.iter().map(at).collect()
-                })
-                .collect::<Result<_, (usize, StackError)>>()
-        })
-        .map_err(|(stack, error)| batch.named(stack, &error))?;
-    let shape = [batch.stacks, angles.len(), waves];
+    let solved = by_wave(py, &batch, &angles, |film, wavelength, incidence, pol| {
+        film.solve_with_gain(wavelength, incidence, pol).map(|response| [response.r, response.t])
+    })?;
+    let shape = [batch.stacks, angles.len(), batch.wavelengths.len()];
     let of = |amplitude: usize, pol: usize| {
-        let values = (0..batch.stacks).flat_map(|stack| {
-            let solved = &solved;
-            (0..shape[1]).flat_map(move |angle| {
-                (0..waves).map(move |wave| solved[stack * waves + wave][angle][pol][amplitude])
-            })
-        });
-        array(py, &shape, values.collect())
+        array(py, &shape, solved.iter().map(|both| both[pol][amplitude]).collect())
     };
     Ok(([of(0, 0)?, of(0, 1)?], [of(1, 0)?, of(1, 1)?]))
 }
@@ -260,41 +257,17 @@ pub(crate) fn film_field<'py>(
 ) -> PyResult<(Pair<'py, f64>, Pair<'py, f64>)> {
     let batch = Batch::new(&n, &d_nm, wavelengths_nm, gain)?;
     let angles = radians(angles_deg)?;
-    let (waves, layers) = (batch.wavelengths.len(), batch.layers);
-    // By case [stack, angle, wavelength] and s, p: integrals and absorptances by layer.
-    type Layers = [Vec<f64>; 2];
-    let solved: Vec<[Layers; 2]> = py
-        .detach(|| {
-            let ones: Vec<One> = (0..batch.stacks).into_par_iter().map(|stack| batch.one(stack)).collect();
-            let cases = (0..batch.stacks * angles.len() * waves).into_par_iter();
-            cases
-                .map(|case| {
-                    let (stack, angle, wave) =
-                        (case / waves / angles.len(), case / waves % angles.len(), case % waves);
-                    let One { stack: films, indices } = &ones[stack];
-                    let named = |error: StackError| (stack, error);
-                    films.check_indices(&indices[wave]).map_err(named)?;
-                    let film = films.with_indices(&indices[wave]);
-                    let of = |pol| {
-                        let field = film.field(batch.wavelengths[wave], Incidence::Angle(angles[angle]), pol);
-                        let field = field.map_err(|error| named(error.into()))?;
-                        let integrals = field.integrals().iter().map(|m| m * 1e9).collect();
-                        Ok::<Layers, (usize, StackError)>([integrals, field.absorptances()])
-                    };
-                    Ok([of(Polarisation::S)?, of(Polarisation::P)?])
-                })
-                .collect::<Result<_, (usize, StackError)>>()
-        })
-        .map_err(|(stack, error)| batch.named(stack, &error))?;
+    let solved = by_wave(py, &batch, &angles, |film, wavelength, incidence, pol| {
+        let field = film.field(wavelength, incidence, pol)?;
+        Ok([field.integrals().iter().map(|m| m * 1e9).collect(), field.absorptances()])
+    })?;
+    let (layers, cases) = (batch.layers, angles.len() * batch.wavelengths.len());
     let of = |quantity: usize, pol: usize| {
-        let cases = angles.len() * waves;
         let values = (0..batch.stacks).flat_map(|stack| {
-            let solved = &solved;
-            (0..layers).flat_map(move |layer| {
-                (0..cases).map(move |case| solved[stack * cases + case][pol][quantity][layer])
-            })
+            let of_stack: &[[[Vec<f64>; 2]; 2]] = &solved[stack * cases..(stack + 1) * cases];
+            (0..layers).flat_map(move |layer| of_stack.iter().map(move |both| both[pol][quantity][layer]))
         });
-        array(py, &[batch.stacks, layers, angles.len(), waves], values.collect())
+        array(py, &[batch.stacks, layers, angles.len(), batch.wavelengths.len()], values.collect())
     };
     Ok(([of(0, 0)?, of(0, 1)?], [of(1, 0)?, of(1, 1)?]))
 }
@@ -312,21 +285,15 @@ pub(crate) fn film_intensity<'py>(
 ) -> PyResult<Pair<'py, f64>> {
     let batch = Batch::new(&n, &d_nm, wavelengths_nm, gain)?;
     let (angles, depths) = (radians(angles_deg)?, row("depths_nm", depths_nm)?);
-    let One { stack: films, indices } = batch.one(0);
     let whole: f64 = batch.d.iter().sum::<f64>() * 1e9;
-    let outside =
-        |nm: f64| field("depths_nm", format_args!("{nm} is outside of the layers, expected 0 to {whole}"));
+    let outside = format!("is outside of the layers, expected 0 to {whole}");
+    let fields = by_wave(py, &batch, &angles, Multilayer::field)?;
     let mut out = [Vec::new(), Vec::new()];
-    for angle in &angles {
-        for (wave, indices) in indices.iter().enumerate() {
-            films.check_indices(indices).map_err(input)?;
-            let film = films.with_indices(indices);
-            for (pol, out) in Polarisation::BOTH.into_iter().zip(&mut out) {
-                let field =
-                    film.field(batch.wavelengths[wave], Incidence::Angle(*angle), pol).map_err(input)?;
-                for nm in &depths {
-                    out.push(field.intensity(nm * 1e-9).ok_or_else(|| outside(*nm))?);
-                }
+    for both in fields {
+        for (wave, out) in both.iter().zip(&mut out) {
+            for nm in &depths {
+                let squared = wave.intensity(nm * 1e-9);
+                out.push(squared.ok_or_else(|| field("depths_nm", format_args!("{nm} {outside}")))?);
             }
         }
     }

@@ -1,5 +1,7 @@
 """The BSDF plugin `pearl`; docs/PLUGIN.md is its documentation."""
 
+from pathlib import Path
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -33,7 +35,7 @@ def load_table(filename):
     path = mi.file_resolver().resolve(str(filename))
     key = str(path)
     try:
-        stat = path.stat() if hasattr(path, "stat") else __import__("os").stat(key)
+        stat = Path(key).stat()
         stamp = (stat.st_mtime_ns, stat.st_size)
     except OSError:
         stamp = None
@@ -70,6 +72,13 @@ def _numbers(value):
     return numbers if numbers.dtype.kind == "f" else None
 
 
+def _plain_colour(props, name):
+    """A colour that is given as numbers; None for a texture."""
+    kind = mi.Properties.Type
+    plain = props.type(name) in (kind.Color, kind.Float, kind.Integer, kind.Vector)
+    return parameters.colour(name, props[name]) if plain else None
+
+
 def _recipe(source):
     """A recipe of a built-in name or a file, which is looked for where the scene's other files are."""
     source = str(source)
@@ -94,7 +103,8 @@ def _pearl(base):
                 )
             if "recipe" in props:
                 self.recipe = _recipe(props["recipe"])
-                self.table = bake_table(self.recipe, self._look(props))
+                self.look = self._look(props)
+                self.table = bake_table(self.recipe, self.look)
             else:
                 self.table = load_table(props["filename"])
             controls = parameters.read(props, self.table)
@@ -112,9 +122,7 @@ def _pearl(base):
             """What decides which effects are baked: the recipe's look, what is given in its place, and the variant."""
             look = {name: parameters.number(name, props[name]) for name in ("depth", "brightness", "coherence") if name in props}
             if "body_color" in props:
-                kind = mi.Properties.Type
-                plain = props.type("body_color") in (kind.Color, kind.Float, kind.Integer, kind.Vector)
-                look["body_color"] = parameters.colour("body_color", props["body_color"]) if plain else None
+                look["body_color"] = _plain_colour(props, "body_color")
             if "components" in props:
                 look["components"] = [
                     name
@@ -141,10 +149,10 @@ def _pearl(base):
         def _bake_what_is_called_for(self):
             """A control that needs an effect which was not baked bakes it now."""
             depth, brightness, coherence, _ = self._values()
-            if not self.table.lacks(depth, coherence):
+            if any(isinstance(value, list) for value in (depth, coherence)) or not any(parameters.missing(self.table, depth, coherence)):
                 return
-            look = {"depth": depth, "brightness": brightness, "coherence": coherence, "body_color": self.body_rgb}
-            self.table = bake_table(self.recipe, look | {"variant": self.types.variant})
+            self.look |= {"depth": depth, "brightness": brightness, "coherence": coherence, "body_color": self.body_rgb}
+            self.table = bake_table(self.recipe, self.look)
             self._take()
 
         def _set_body(self, props):
@@ -154,9 +162,7 @@ def _pearl(base):
                 self.body_rgb = parameters.body(self.table)
                 self.body = mi.load_dict({"type": "rgb", "value": self.body_rgb})
                 return
-            kind = mi.Properties.Type
-            if props.type(name) in (kind.Color, kind.Float, kind.Integer, kind.Vector):
-                self.body_rgb = parameters.colour(name, props[name])
+            self.body_rgb = _plain_colour(props, name)
             try:
                 self.body = props.get_texture(name, 0.5)
             except RuntimeError:

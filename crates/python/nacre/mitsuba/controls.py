@@ -105,11 +105,17 @@ def read(props, table):
     return controls
 
 
+def missing(table, depth, coherence):
+    """Controls that ask for a part that the table does not have, by name."""
+    given = (("depth", depth), ("coherence", coherence))
+    return [name for name, value in given if value > 0.0 and not table.has(_NEEDS[name])]
+
+
 def check_parts(table, depth, coherence):
     """Refuses controls that ask for a part that the table does not have."""
-    for name, value in (("depth", depth), ("coherence", coherence)):
-        if value > 0.0 and not table.has(_NEEDS[name]):
-            raise PearlError(
-                f"pearl: {name}: is {value:g}, but {table.name} has no interference colours for it (effect "
-                f"{_NEEDS[name]!r}): set {name} to 0, or bake them with `{BAKE}` where the recipe's look.{name} > 0"
-            )
+    for name in missing(table, depth, coherence):
+        value = depth if name == "depth" else coherence
+        raise PearlError(
+            f"pearl: {name}: is {value:g}, but {table.name} has no interference colours for it (effect "
+            f"{_NEEDS[name]!r}): set {name} to 0, or bake them with `{BAKE}` where the recipe's look.{name} > 0"
+        )

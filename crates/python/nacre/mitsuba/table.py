@@ -97,11 +97,6 @@ class Table:
         """Whether the table has the interference colours of an effect, `coherent` or `emission`."""
         return (self.meta.get("spectra") or {}).get(effect) is not None
 
-    def lacks(self, depth, coherence):
-        """Whether a control is not 0 for which the table has no colours."""
-        needs = (("emission", depth), ("coherent", coherence))
-        return any(value > 0.0 and not self.has(effect) for effect, value in needs if not isinstance(value, list))
-
 
 def read(path):
     """Reads a table. Raises PearlError where there is no file, or one that is not a table."""
