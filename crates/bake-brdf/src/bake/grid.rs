@@ -4,8 +4,8 @@ use super::{BakeError, COARSEST_DOUBLING, Request, exit_axis, placing};
 use crate::options::{OptionError, check_incidences};
 use lut_io::axis::ExitAxis;
 use serde::{Deserialize, Serialize};
-use transport::doubling::{DoublingError, Operator, Settings};
-use transport::{Light, Transport};
+use transport::doubling::{DoublingError, Operator, Settings, Solution};
+use transport::{Geometry, Light, Transport};
 
 /// Shares of the accuracy asked for that reading between rows, and between cells, may take: more for cells where there are two
 /// dimensions of them. What is left is the solver's.
@@ -22,7 +22,7 @@ const LOBE_SHARES: [f64; 2] = [2e-5, 5e-3];
 /// Root of a share of all light below which a component makes the lobes finer; above, they are fine enough.
 const FAINT: f64 = 0.15;
 /// Seconds of one core that one solution of the lobes may take; incidences of one.
-const AFFORDABLE: f64 = 3.0;
+const AFFORDABLE: f64 = 10.0;
 const SOLVED: usize = 100;
 
 /// The grid of a table.
@@ -66,30 +66,9 @@ impl Grid {
         }
         let share = options.target.share();
         let transport = stand_in(request, transport)?;
-        let [rows_share, cells_share] = reading_shares(&first);
-        let finer = (FINER * rows_share.min(cells_share) * share)
-            .clamp(LOBE_SHARES[0], LOBE_SHARES[1].min(COARSEST_DOUBLING));
-        let settings = Settings::for_accuracy(&transport, geometry, finer);
-        if settings.cost(&transport, geometry, SOLVED).seconds > AFFORDABLE {
-            return Ok(listed(first));
-        }
-        let mut operator = match Operator::new(&transport, geometry, &settings) {
-            Err(DoublingError::Domain { .. } | DoublingError::TooCostly { .. }) => return Ok(listed(first)),
-            operator => operator?,
-        };
-        let probes = placing::probes(&first);
-        let mut probed = operator.solve(&probes)?;
-        // A faint component is judged by the root of its share: its lobes have to be finer by as much.
-        let faintest = placing::faintest(&probed);
-        let settings = Settings::for_accuracy(&transport, geometry, (finer * faintest).max(LOBE_SHARES[0]));
-        if faintest < FAINT
-            && settings.cost(&transport, geometry, SOLVED).seconds <= AFFORDABLE
-            && let Ok(finer) = Operator::new(&transport, geometry, &settings)
-        {
-            operator = finer;
-            probed = operator.solve(&probes)?;
-        }
+        let Some((operator, probed)) = lobes(&transport, &first, share)? else { return Ok(listed(first)) };
         let azimuth = request.recipe.azimuth;
+        let [rows_share, cells_share] = reading_shares(&first);
         let axis = match options.cells {
             Some(_) => first,
             None => placing::cells(&first, azimuth, cells_share * share, &probed),
@@ -99,6 +78,39 @@ impl Grid {
         }
         Ok(Self { incident_deg: placing::rows(&axis, azimuth, rows_share * share, &operator)?, axis })
     }
+}
+
+/// Lobes fine enough to decide a grid of such an axis, solved at the probes of its cells, and what solves more of them; none where they
+/// cost too much.
+fn lobes(
+    transport: &Transport,
+    axis: &ExitAxis,
+    share: f64,
+) -> Result<Option<(Operator, Solution)>, BakeError> {
+    let geometry = match axis {
+        ExitAxis::Plane { .. } => Geometry::Plane,
+        ExitAxis::Space { .. } => Geometry::Space,
+    };
+    let probes = placing::probes(axis);
+    let solved = |finer: f64| -> Result<Option<(Operator, Solution)>, BakeError> {
+        let settings = Settings::for_accuracy(transport, geometry, finer.max(LOBE_SHARES[0]));
+        if settings.cost(transport, geometry, SOLVED).seconds > AFFORDABLE {
+            return Ok(None);
+        }
+        let operator = match Operator::new(transport, geometry, &settings) {
+            Err(DoublingError::Domain { .. } | DoublingError::TooCostly { .. }) => return Ok(None),
+            operator => operator?,
+        };
+        let probed = operator.solve(&probes)?;
+        Ok(Some((operator, probed)))
+    };
+    let [rows_share, cells_share] = reading_shares(axis);
+    let finer = (FINER * rows_share.min(cells_share) * share).min(LOBE_SHARES[1].min(COARSEST_DOUBLING));
+    let Some(coarse) = solved(finer)? else { return Ok(None) };
+    // A faint component is judged by the root of its share: its lobes have to be finer by as much.
+    let faintest = placing::faintest(&coarse.1);
+    let fine = if faintest < FAINT { solved(finer * faintest)? } else { None };
+    Ok(Some(fine.unwrap_or(coarse)))
 }
 
 const fn with_cells(axis: ExitAxis, [columns, rows]: [usize; 2]) -> ExitAxis {

@@ -11,7 +11,7 @@ use lut_io::monotone::Monotone;
 use lut_io::table::Component;
 use lut_io::{decay, measure};
 use rayon::prelude::*;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use transport::doubling::{Matrix, Solution, component_scale};
 
 /// Positions at which a lobe is sampled to read between rows: one φ and many signed exit angles (plane), φ and θo (space).
@@ -211,21 +211,31 @@ fn read_between(values: &[f64], [rows, columns]: [usize; 2], [across, along]: [u
     if u == 0.0 { at(row) } else { (1.0 - u) * at(row) + u * at(row + 1) }
 }
 
-/// What reading misses in the middle of each interval between nodes.
+/// What reading misses in each interval between nodes, at the incidences that [`with_middles`] puts behind them.
 pub(super) fn half_way(axis: &ExitAxis, nodes: &[Sample], middles: &[Sample]) -> Vec<Missed> {
     let angles: Vec<f64> = nodes.iter().map(|sample| sample.theta_i).collect();
     let curves = [0, 1, 2].map(|component| {
         Monotone::new(angles.clone(), nodes.iter().map(|sample| sample.shares[component]).collect())
     });
     let read = |theta_i: f64| [0, 1, 2].map(|component: usize| curves[component].at(theta_i));
-    let intervals = nodes.par_windows(2).zip(middles);
-    intervals.map(|(pair, here)| here.missed_by(axis, &pair[0], &pair[1], read(here.theta_i))).collect()
+    let intervals = nodes.par_windows(2).enumerate().map(|(i, pair)| {
+        let within = middles[i..].iter().take(if i + 2 == nodes.len() { 2 } else { 1 });
+        let missed = within.map(|here| here.missed_by(axis, &pair[0], &pair[1], read(here.theta_i)));
+        missed.fold(Missed::default(), Missed::max)
+    });
+    intervals.collect()
 }
 
-/// Incidences, and behind them the middles between them.
+/// How far into an interval that ends at the horizon a second look is taken: components that vanish there fall faster than what is read.
+const BESIDE_HORIZON: f64 = 0.99;
+
+/// Incidences, and behind them the middles between them; last of all, one beside the horizon where they reach it.
 pub(super) fn with_middles(theta_i: &[f64]) -> Vec<f64> {
-    let middles = theta_i.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
-    theta_i.iter().copied().chain(middles).collect()
+    let within = |pair: &[f64], t: f64| (1.0 - t) * pair[0] + t * pair[1];
+    let middles = theta_i.windows(2).map(|pair| within(pair, 0.5));
+    let last = theta_i.windows(2).last().filter(|pair| pair[1] > FRAC_PI_2 - 1e-9);
+    let beside = last.map(|pair| within(pair, BESIDE_HORIZON));
+    theta_i.iter().copied().chain(middles).chain(beside).collect()
 }
 
 /// The positions of samples along an axis, and dx of each.

@@ -102,7 +102,7 @@ pub(super) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     if manners.json {
         return terminal::print_json(&report(&table, &output, seconds));
     }
-    terminal::print(&summary(&table, &output, seconds))
+    terminal::print(&summary(&table, request.options.incident_deg.is_some(), &output, seconds))
 }
 
 fn request(args: &BakeArgs) -> Result<Request, Stop> {
@@ -260,7 +260,7 @@ fn report(table: &Table, output: &Path, seconds: f64) -> serde_json::Value {
 }
 
 /// A readable summary: a handful of incidences, the accuracy reached.
-fn summary(table: &Table, output: &Path, seconds: f64) -> String {
+fn summary(table: &Table, incidences_given: bool, output: &Path, seconds: f64) -> String {
     let meta = table.meta();
     let name = meta.recipe_name().unwrap_or_default();
     let paths: u64 = meta.per_incidence.iter().map(|incidence| incidence.paths).sum();
@@ -309,7 +309,11 @@ fn summary(table: &Table, output: &Path, seconds: f64) -> String {
         );
     }
     if accuracy.asked_percent.is_some_and(|asked| accuracy.reached_percent > asked) {
-        text.push_str("that is more than was asked for: leave out --incident-deg, or give it more angles\n");
+        text.push_str(if incidences_given {
+            "that is more than was asked for: leave out --incident-deg, or give it more angles\n"
+        } else {
+            "that is more than was asked for: lobes this narrow cost too much to place incidences by; give --incident-deg more angles\n"
+        });
     }
     let _ = writeln!(text, "written: {}", output.display());
     text

@@ -39,7 +39,7 @@ pub fn terms(axis: &ExitAxis, order: u16) -> Vec<Term> {
 /// Coefficients of one component at every incidence of a table, in f32.
 pub(super) fn fit(table: &Table, component: Component, terms: &[Term]) -> Vec<f32> {
     let axis = &table.meta().exit_axis;
-    let basis = cell_terms(axis, terms);
+    let cells = Cells::new(axis, terms);
     let mut start = Vec::new();
     let mut all = Vec::with_capacity(terms.len() * table.meta().per_incidence.len());
     for (i, summary) in table.meta().per_incidence.iter().enumerate() {
@@ -49,19 +49,84 @@ pub(super) fn fit(table: &Table, component: Component, terms: &[Term]) -> Vec<f3
         if theta_i == 0.0 {
             all.extend(fit_upright(axis, terms, &weights, values));
         } else {
-            all.extend(fit_row(&basis, terms, &weights, values, &mut start));
+            all.extend(fit_row(&cells, &weights, values, &mut start));
         }
     }
     all
 }
 
-/// Every term at every cell, cell-major.
-fn cell_terms(axis: &ExitAxis, terms: &[Term]) -> Vec<f64> {
-    let Basis { columns, rows } = Basis::new(axis, terms);
-    let cells = rows.iter().flat_map(|row| columns.iter().map(move |column| (row, column)));
-    cells
-        .flat_map(|(row, column)| terms.iter().map(|t| row[usize::from(t.1)] * column[usize::from(t.0)]))
-        .collect()
+/// The terms at the cells of a row.
+///
+/// Sums over cells are taken along the columns, then along φ. A product of two polynomials is a sum of two,
+/// T_a·T_b = ½(T_(a+b) + T_|a−b|): so sums of the polynomials up to twice the orders hold the sums of all products of terms.
+struct Cells<'a> {
+    terms: &'a [Term],
+    /// Up to twice the orders.
+    basis: Basis,
+}
+
+impl<'a> Cells<'a> {
+    fn new(axis: &ExitAxis, terms: &'a [Term]) -> Self {
+        let doubled: Vec<Term> = terms.iter().map(|t| Term(2 * t.0, 2 * t.1)).collect();
+        Self { terms, basis: Basis::new(axis, &doubled) }
+    }
+
+    /// The polynomial at every cell.
+    fn exponents(&self, coefficients: &[f64]) -> Vec<f64> {
+        let Basis { columns, rows } = &self.basis;
+        let orders = columns[0].len().div_ceil(2);
+        let along = |row: &Vec<f64>| {
+            let mut along = vec![0.0; orders];
+            for (term, c) in self.terms.iter().zip(coefficients) {
+                along[usize::from(term.0)] += c * row[usize::from(term.1)];
+            }
+            along
+        };
+        let mut exponents = Vec::with_capacity(columns.len() * rows.len());
+        for row in rows {
+            let along = along(row);
+            let at = |column: &Vec<f64>| column.iter().zip(&along).map(|(t, c)| t * c).sum::<f64>();
+            exponents.extend(columns.iter().map(at));
+        }
+        exponents
+    }
+
+    /// Σ v·T_m·T_2n over the cells, by n, then m.
+    fn sums(&self, values: &[f64]) -> Vec<f64> {
+        let Basis { columns, rows } = &self.basis;
+        let orders = columns[0].len();
+        let mut sums = vec![0.0; orders * rows[0].len()];
+        for (row, values) in rows.iter().zip(values.chunks_exact(columns.len())) {
+            let mut along = vec![0.0; orders];
+            for (column, value) in columns.iter().zip(values) {
+                along.iter_mut().zip(column).for_each(|(sum, t)| *sum += value * t);
+            }
+            for (sums, t) in sums.chunks_exact_mut(orders).zip(row) {
+                sums.iter_mut().zip(&along).for_each(|(sum, along)| *sum += t * along);
+            }
+        }
+        sums
+    }
+
+    /// Σ v·term of each term.
+    fn first(&self, values: &[f64]) -> Vec<f64> {
+        let (sums, orders) = (self.sums(values), self.basis.columns[0].len());
+        self.terms.iter().map(|t| sums[usize::from(t.1) * orders + usize::from(t.0)]).collect()
+    }
+
+    /// Σ v·term·term of each pair, the lower half of a square.
+    fn second(&self, values: &[f64]) -> Vec<f64> {
+        let (sums, orders, n) = (self.sums(values), self.basis.columns[0].len(), self.terms.len());
+        let mut products = vec![0.0; n * n];
+        for (i, a) in self.terms.iter().enumerate() {
+            for (k, b) in self.terms[..=i].iter().enumerate() {
+                let [m, across] = [[a.0 + b.0, a.0.abs_diff(b.0)], [a.1 + b.1, a.1.abs_diff(b.1)]];
+                let at = |m: u16, n: u16| sums[usize::from(n) * orders + usize::from(m)];
+                products[i * n + k] = 0.25 * across.iter().map(|&n| at(m[0], n) + at(m[1], n)).sum::<f64>();
+            }
+        }
+        products
+    }
 }
 
 /// At normal incidence nothing distinguishes an azimuth: only terms that do not either (in decay tables those even in the exit
@@ -72,19 +137,13 @@ fn fit_upright(axis: &ExitAxis, terms: &[Term], weights: &[f64], values: &[f32])
         ExitAxis::Space { .. } => t.1 == 0,
     };
     let kept: Vec<Term> = terms.iter().copied().filter(round).collect();
-    let mut found = fit_row(&cell_terms(axis, &kept), &kept, weights, values, &mut Vec::new()).into_iter();
+    let mut found = fit_row(&Cells::new(axis, &kept), weights, values, &mut Vec::new()).into_iter();
     terms.iter().map(|t| if round(t) { found.next().unwrap_or(0.0) } else { 0.0 }).collect()
 }
 
 /// Coefficients of one row of cells; `start` holds those of the row before, shifted to a peak of 1, and takes these.
-fn fit_row(
-    basis: &[f64],
-    orders: &[Term],
-    weights: &[f64],
-    values: &[f32],
-    start: &mut Vec<f64>,
-) -> Vec<f32> {
-    let terms = orders.len();
+fn fit_row(cells: &Cells<'_>, weights: &[f64], values: &[f32], start: &mut Vec<f64>) -> Vec<f32> {
+    let terms = cells.terms.len();
     let peak = f64::from(values.iter().copied().fold(0.0, f32::max));
     let mass: f64 = weights.iter().zip(values).map(|(w, v)| w * f64::from(*v)).sum();
     if peak <= 0.0 || mass <= 0.0 {
@@ -100,8 +159,8 @@ fn fit_row(
         flat
     };
     let damping = |t: &Term| DAMPING * mass / peak * (f64::from(t.0).powi(2) + f64::from(2 * t.1).powi(2));
-    let damping: Vec<f64> = orders.iter().map(damping).collect();
-    let problem = Problem { basis, weights, target: &target, damping: &damping, terms };
+    let damping: Vec<f64> = cells.terms.iter().map(damping).collect();
+    let problem = Problem { cells, weights, target: &target, damping: &damping };
     let first = if start.len() == terms { start.clone() } else { flat() };
     let mut best = problem.solve(first);
     if !best.0.is_finite() {
@@ -111,9 +170,9 @@ fn fit_row(
     let mut c: Vec<f32> = best.1.into_iter().map(|c| c as f32).collect();
     c[0] += peak.ln() as f32;
     // What rounding to f32 moved.
-    let exponents =
-        basis.chunks_exact(terms).map(|t| t.iter().zip(&c).map(|(t, c)| t * f64::from(*c)).sum::<f64>());
-    let kept: f64 = exponents.zip(weights).map(|(exponent, w)| w * exponent.exp()).sum();
+    let coefficients: Vec<f64> = c.iter().map(|c| f64::from(*c)).collect();
+    let kept: f64 =
+        cells.exponents(&coefficients).iter().zip(weights).map(|(exponent, w)| w * exponent.exp()).sum();
     if kept > 0.0 && kept.is_finite() {
         c[0] += (mass / kept).ln() as f32;
     }
@@ -122,80 +181,70 @@ fn fit_row(
 
 /// One lobe to be fitted.
 struct Problem<'a> {
-    /// Terms of every cell, cell-major.
-    basis: &'a [f64],
+    cells: &'a Cells<'a>,
     weights: &'a [f64],
     /// Values over their peak.
     target: &'a [f64],
     /// Added to the curvature of each coefficient; none to the constant's.
     damping: &'a [f64],
-    terms: usize,
 }
 
 impl Problem<'_> {
     /// Newton's method with halved steps; the relative entropy reached (short of a constant), and the coefficients.
     fn solve(&self, mut c: Vec<f64>) -> (f64, Vec<f64>) {
-        let mut fitted = self.fitted(&c);
-        let mut entropy = self.entropy(&c, &fitted);
+        let mut now = self.at(&c);
         for _ in 0..STEPS {
-            let (gradient, mut curvature) = self.derivatives(&fitted);
+            let (gradient, mut curvature) = self.derivatives(&now.fitted);
             let Some(step) = solve_positive(&mut curvature, &gradient) else { break };
             let slope: f64 = step.iter().zip(&gradient).map(|(s, g)| s * g).sum();
             let mut length = 1.0;
             let next = loop {
                 let next: Vec<f64> = c.iter().zip(&step).map(|(c, s)| c - length * s).collect();
-                let next_fitted = self.fitted(&next);
-                let next_entropy = self.entropy(&next, &next_fitted);
-                if next_entropy <= entropy - 1e-4 * length * slope {
-                    break Some((next, next_fitted, next_entropy));
+                let there = self.at(&next);
+                if there.entropy <= now.entropy - 1e-4 * length * slope {
+                    break Some((next, there));
                 }
                 length *= 0.5;
                 if length < 1e-8 {
                     break None;
                 }
             };
-            let Some((next, next_fitted, next_entropy)) = next else { break };
-            let gained = entropy - next_entropy;
-            (c, fitted, entropy) = (next, next_fitted, next_entropy);
-            if gained < LAST_GAIN * entropy.abs() {
+            let Some((next, there)) = next else { break };
+            let gained = now.entropy - there.entropy;
+            (c, now) = (next, there);
+            if gained < LAST_GAIN * now.entropy.abs() {
                 break;
             }
         }
-        (entropy, c)
+        (now.entropy, c)
     }
 
-    fn exponents<'s>(&'s self, c: &'s [f64]) -> impl Iterator<Item = f64> + 's {
-        let sum = move |terms: &[f64]| terms.iter().zip(c).map(|(t, c)| t * c).sum::<f64>();
-        self.basis.chunks_exact(self.terms).map(move |terms| sum(terms).clamp(-REACH, REACH))
-    }
-
-    fn fitted(&self, c: &[f64]) -> Vec<f64> {
-        self.exponents(c).map(f64::exp).collect()
-    }
-
-    /// Σ weight·(f − v·ln f): the relative entropy short of what does not depend on the coefficients.
-    fn entropy(&self, c: &[f64], fitted: &[f64]) -> f64 {
-        let cells = self.exponents(c).zip(fitted).zip(self.weights.iter().zip(self.target));
-        cells.map(|((exponent, f), (w, v))| w * (f - v * exponent)).sum()
+    fn at(&self, c: &[f64]) -> Fitted {
+        let mut exponents = self.cells.exponents(c);
+        exponents.iter_mut().for_each(|exponent| *exponent = exponent.clamp(-REACH, REACH));
+        let fitted: Vec<f64> = exponents.iter().map(|exponent| exponent.exp()).collect();
+        let cells = exponents.iter().zip(&fitted).zip(self.weights.iter().zip(self.target));
+        let entropy = cells.map(|((exponent, f), (w, v))| w * (f - v * exponent)).sum();
+        Fitted { fitted, entropy }
     }
 
     fn derivatives(&self, fitted: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let n = self.terms;
-        let (mut gradient, mut curvature) = (vec![0.0; n], vec![0.0; n * n]);
-        let cells = self.basis.chunks_exact(n).zip(fitted).zip(self.weights.iter().zip(self.target));
-        for ((terms, f), (w, v)) in cells {
-            let (residual, weight) = (w * (f - v), w * f);
-            for (i, term) in terms.iter().enumerate() {
-                gradient[i] += residual * term;
-                let scaled = weight * term;
-                for (h, other) in curvature[i * n..i * n + i + 1].iter_mut().zip(terms) {
-                    *h += scaled * other;
-                }
-            }
-        }
+        let cells = || fitted.iter().zip(self.weights.iter().zip(self.target));
+        let residual: Vec<f64> = cells().map(|(f, (w, v))| w * (f - v)).collect();
+        let weight: Vec<f64> = cells().map(|(f, (w, _))| w * f).collect();
+        let mut curvature = self.cells.second(&weight);
+        let n = self.damping.len();
         self.damping.iter().enumerate().for_each(|(k, damping)| curvature[k * n + k] += damping);
-        (gradient, curvature)
+        (self.cells.first(&residual), curvature)
     }
+}
+
+/// A lobe of some coefficients.
+struct Fitted {
+    /// By cell.
+    fitted: Vec<f64>,
+    /// Σ weight·(f − v·ln f): the relative entropy short of what does not depend on the coefficients.
+    entropy: f64,
 }
 
 /// Solves A·x = b for a symmetric positive matrix given by its lower half (Cholesky, in place); `None` where it is not positive.
@@ -243,8 +292,8 @@ mod tests {
                 (0..terms.len()).map(|k| if k == 0 { 1.25 } else { 0.8 / (k * k) as f32 - 0.1 }).collect();
             let lobe = values(&axis, &terms, &coefficients);
             let weights = measure::reading_weights(&axis, 0.6, 0.15);
-            let cells = cell_terms(&axis, &terms);
-            let found = fit_row(&cells, &terms, &weights, &lobe, &mut Vec::new());
+            let cells = Cells::new(&axis, &terms);
+            let found = fit_row(&cells, &weights, &lobe, &mut Vec::new());
             for (found, true_value) in found.iter().zip(&coefficients) {
                 // The lobe is rounded to f32.
                 assert!((found - true_value).abs() < 2e-5, "{found} for {true_value}");
@@ -255,11 +304,11 @@ mod tests {
     #[test]
     fn the_fit_keeps_the_share_of_the_light() {
         let terms = terms(&PLANE, 8);
-        let cells = cell_terms(&PLANE, &terms);
+        let cells = Cells::new(&PLANE, &terms);
         let weights = measure::reading_weights(&PLANE, 1.1, 0.15);
         // A lobe with a corner, which no polynomial follows.
         let lobe: Vec<f32> = (0..96).map(|k| (-0.2 * (k as f32 - 50.0).abs()).exp()).collect();
-        let fitted = values(&PLANE, &terms, &fit_row(&cells, &terms, &weights, &lobe, &mut Vec::new()));
+        let fitted = values(&PLANE, &terms, &fit_row(&cells, &weights, &lobe, &mut Vec::new()));
         let share = |lobe: &[f32]| -> f64 { weights.iter().zip(lobe).map(|(w, v)| w * f64::from(*v)).sum() };
         assert!((share(&fitted) / share(&lobe) - 1.0).abs() < 1e-5);
     }
@@ -267,12 +316,12 @@ mod tests {
     #[test]
     fn a_lobe_of_a_few_cells_keeps_its_light_too() {
         let terms = terms(&PLANE, 15);
-        let cells = cell_terms(&PLANE, &terms);
+        let cells = Cells::new(&PLANE, &terms);
         let weights = measure::reading_weights(&PLANE, 1.4, 0.15);
         for lit in [&[50usize][..], &[0, 95], &[30, 31, 80]] {
             let mut lobe = [0f32; 96];
             lit.iter().for_each(|k| lobe[*k] = 3e-4);
-            let coefficients = fit_row(&cells, &terms, &weights, &lobe, &mut Vec::new());
+            let coefficients = fit_row(&cells, &weights, &lobe, &mut Vec::new());
             let fitted = values(&PLANE, &terms, &coefficients);
             let share =
                 |lobe: &[f32]| -> f64 { weights.iter().zip(lobe).map(|(w, v)| w * f64::from(*v)).sum() };
@@ -285,8 +334,9 @@ mod tests {
 
     #[test]
     fn a_dark_lobe_stays_dark() {
-        let none = fit_row(&[1.0; 4], &[Term(0, 0)], &[1.0; 4], &[0.0; 4], &mut Vec::new());
-        assert_eq!(values(&ExitAxis::Plane { cells: 4, width: 0.07 }, &[Term(0, 0)], &none), [0.0; 4]);
+        let axis = ExitAxis::Plane { cells: 4, width: 0.07 };
+        let none = fit_row(&Cells::new(&axis, &[Term(0, 0)]), &[1.0; 4], &[0.0; 4], &mut Vec::new());
+        assert_eq!(values(&axis, &[Term(0, 0)], &none), [0.0; 4]);
     }
 
     #[test]
