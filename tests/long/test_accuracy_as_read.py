@@ -75,7 +75,7 @@ def apart(evaluator, table, truth, info, azimuth, theta_i):
     own = [light - row["surface"], row["rehit"]]
     difference = got - want
     found = [0.5 * np.abs(difference.sum(0)) @ solid / light]
-    found += [0.5 * np.abs(difference[k]) @ solid / np.sqrt(light * own[k]) if own[k] > 1e-9 * light else 0.0 for k in (0, 1)]
+    found += [0.5 * np.abs(difference[k]) @ solid / np.sqrt(light * max(own[k], 1e-4 * light)) for k in (0, 1)]
     return 100 * np.array(found)
 
 

@@ -205,7 +205,7 @@ pub(super) fn doubled(
                     .map(|(component, share)| {
                         let own: f64 = share.iter().sum();
                         // The estimate is a total variation: spread over the cells in proportion to their light.
-                        let scale = doubling::component_scale(own, summary.albedo).unwrap_or(0.0);
+                        let scale = doubling::component_scale(own, summary.albedo);
                         let light = missed.components[component as usize] * scale;
                         let relative = 2.0 * light / own.max(f64::MIN_POSITIVE);
                         CellShares {

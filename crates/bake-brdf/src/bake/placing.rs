@@ -5,7 +5,7 @@
 //! reached. Reading between cells misses a share that falls with the square of their number.
 
 use super::BakeError;
-use super::reading::{self, Missed, Sample};
+use super::reading::{self, Look, Missed, Sample};
 use crate::recipe::Azimuth;
 use lut_io::axis::ExitAxis;
 use rayon::prelude::*;
@@ -35,11 +35,11 @@ pub(super) fn probes(axis: &ExitAxis) -> Vec<f64> {
 
 /// By how much an error of all light counts less than as much of the interior, which renderers read beside it.
 pub(super) fn faintest(solution: &Solution) -> f64 {
-    let shares = solution.lobes.iter().filter_map(|lobe| {
-        let scale = component_scale(lobe.albedo - lobe.surface, lobe.albedo)?;
-        Some(scale / lobe.albedo)
-    });
-    shares.fold(1.0, f64::min)
+    // What rounding leaves of a stack that sends nothing back is nothing to resolve.
+    const NOTHING: f64 = 1e-9;
+    let interiors = solution.lobes.iter().map(|lobe| (lobe.albedo - lobe.surface, lobe.albedo));
+    let shares = interiors.filter(|(own, all)| *own > NOTHING * all);
+    shares.map(|(own, all)| component_scale(own, all) / all).fold(1.0, f64::min)
 }
 
 /// The coarsest axis of which reading between cells misses at most `share` at the [`probes`] that were solved, as far as there is one.
@@ -98,15 +98,15 @@ pub(super) fn rows(
     for _ in 0..ROUNDS {
         let incident_deg = bend.place(AIM * share);
         let theta_i: Vec<f64> = incident_deg.iter().map(|degrees| degrees.to_radians()).collect();
-        let samples = sampled(&reading::with_middles(&theta_i))?;
-        let (nodes, middles) = samples.split_at(theta_i.len());
-        let missed: Vec<f64> = reading::half_way(axis, nodes, middles).iter().map(Missed::worst).collect();
-        let worst = missed.iter().copied().fold(0.0, f64::max);
+        let rows = sampled(&reading::with_middles(&theta_i))?;
+        let (nodes, middles) = rows.split_at(theta_i.len());
+        let looks = reading::between_rows(axis, nodes, middles.par_iter().chain(&samples));
+        let worst = looks.iter().map(|look| look.missed.worst()).fold(0.0, f64::max);
         let better = best.as_ref().is_none_or(|(rows, missed)| match (*missed <= share, worst <= share) {
             (true, true) => incident_deg.len() < rows.len(),
             (kept, keeps) => keeps || (!kept && worst < *missed),
         });
-        bend.learn(&theta_i, &missed);
+        bend = Bend::seen(looks);
         let done = worst <= share && worst > 0.75 * share;
         if better {
             best = Some((incident_deg, worst));
@@ -125,8 +125,10 @@ pub(super) fn missed(axis: &ExitAxis, azimuth: Azimuth, solution: &Solution, row
     let samples: Vec<Sample> =
         samples.into_par_iter().map(|i| Sample::new(axis, azimuth, solution, i)).collect();
     let (nodes, middles) = samples.split_at(rows);
-    let between_rows =
-        reading::half_way(axis, nodes, middles).into_iter().fold(Missed::default(), Missed::max);
+    let between_rows = reading::between_rows(axis, nodes, middles)
+        .iter()
+        .map(|look| look.missed)
+        .fold(Missed::default(), Missed::max);
     let probes = CELL_PROBES.min(rows);
     let between_cells = (0..probes)
         .into_par_iter()
@@ -190,18 +192,18 @@ impl Bend {
         rounded(&rows)
     }
 
-    /// Takes what was found between rows.
-    fn learn(&mut self, rows: &[f64], missed: &[f64]) {
-        let middles = rows.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
-        let kappa =
-            rows.windows(2).zip(missed).map(|(pair, missed)| 4.0 * missed / (pair[1] - pair[0]).powi(2));
-        let (mut theta, mut kappa): (Vec<f64>, Vec<f64>) = middles.zip(kappa).unzip();
+    /// What was found between rows.
+    fn seen(mut looks: Vec<Look>) -> Self {
+        looks.retain(|look| look.theta_i > 0.0 && look.theta_i < FRAC_PI_2);
+        looks.sort_by(|a, b| a.theta_i.total_cmp(&b.theta_i));
+        let (mut theta, mut kappa): (Vec<f64>, Vec<f64>) =
+            looks.iter().map(|look| (look.theta_i, look.kappa)).unzip();
         let (first, last) = (kappa[0], kappa[kappa.len() - 1]);
         theta.insert(0, 0.0);
         kappa.insert(0, first);
         theta.push(FRAC_PI_2);
         kappa.push(last);
-        (self.theta, self.kappa) = (theta, kappa);
+        Self { theta, kappa }
     }
 }
 

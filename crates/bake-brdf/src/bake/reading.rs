@@ -165,9 +165,7 @@ impl Sample {
             interior.iter().zip(rehit).map(|(interior, rehit)| interior + rehit).collect()
         };
         let all = self.all();
-        let component = |c: usize| {
-            component_scale(self.shares[c], all).map_or(0.0, |scale| apart(&read[c], &here[c]) / scale)
-        };
+        let component = |c: usize| apart(&read[c], &here[c]) / component_scale(self.shares[c], all);
         Missed { all: apart(&tabulated(read), &tabulated(&here)) / all, components: [0, 1, 2].map(component) }
     }
 }
@@ -211,19 +209,36 @@ fn read_between(values: &[f64], [rows, columns]: [usize; 2], [across, along]: [u
     if u == 0.0 { at(row) } else { (1.0 - u) * at(row) + u * at(row + 1) }
 }
 
-/// What reading misses in each interval between nodes, at the incidences that [`with_middles`] puts behind them.
-pub(super) fn half_way(axis: &ExitAxis, nodes: &[Sample], middles: &[Sample]) -> Vec<Missed> {
+/// What reading between nodes misses at an incidence between two.
+pub(super) struct Look {
+    pub(super) theta_i: f64,
+    /// How bent the lobes are there: an interval of length h misses κh²/4 half-way.
+    pub(super) kappa: f64,
+    pub(super) missed: Missed,
+}
+
+/// What reading between nodes misses at other lobes.
+pub(super) fn between_rows<'s>(
+    axis: &ExitAxis,
+    nodes: &[Sample],
+    looks: impl IntoParallelIterator<Item = &'s Sample>,
+) -> Vec<Look> {
+    // Close to a node next to nothing is missed, and next to nothing is learnt of the bend.
+    const LEAST: f64 = 0.5;
     let angles: Vec<f64> = nodes.iter().map(|sample| sample.theta_i).collect();
     let curves = [0, 1, 2].map(|component| {
         Monotone::new(angles.clone(), nodes.iter().map(|sample| sample.shares[component]).collect())
     });
-    let read = |theta_i: f64| [0, 1, 2].map(|component: usize| curves[component].at(theta_i));
-    let intervals = nodes.par_windows(2).enumerate().map(|(i, pair)| {
-        let within = middles[i..].iter().take(if i + 2 == nodes.len() { 2 } else { 1 });
-        let missed = within.map(|here| here.missed_by(axis, &pair[0], &pair[1], read(here.theta_i)));
-        missed.fold(Missed::default(), Missed::max)
-    });
-    intervals.collect()
+    let look = |here: &Sample| {
+        let i = angles.partition_point(|angle| *angle <= here.theta_i).clamp(1, angles.len() - 1) - 1;
+        let read = [0, 1, 2].map(|component: usize| curves[component].at(here.theta_i));
+        let missed = here.missed_by(axis, &nodes[i], &nodes[i + 1], read);
+        let length = angles[i + 1] - angles[i];
+        let t = (here.theta_i - angles[i]) / length;
+        let kappa = 4.0 * missed.worst() / (length * length * (4.0 * t * (1.0 - t)).max(LEAST));
+        Look { theta_i: here.theta_i, kappa, missed }
+    };
+    looks.into_par_iter().map(look).collect()
 }
 
 /// How far into an interval that ends at the horizon a second look is taken: components that vanish there fall faster than what is read.
@@ -287,3 +302,15 @@ const AROUND: [f64; AZIMUTHS] = {
     }
     shares
 };
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn solver_and_tables_judge_components_alike() {
+        for (own, all) in [(0.2, 0.5), (1e-3, 0.9), (1e-7, 0.9), (0.0, 0.3)] {
+            assert_eq!(component_scale(own, all), measure::component_scale(own, all));
+        }
+    }
+}

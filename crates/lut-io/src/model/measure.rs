@@ -9,6 +9,17 @@ use crate::model::axis::{ExitAxis, Stretched};
 use crate::model::decay;
 use std::f64::consts::{PI, TAU};
 
+/// What the error of a component is judged by where all reflected light is by itself: √(all light · its own), so that one with a
+/// hundredth of the light may be off by ten times as large a share of itself, as if it had been counted. One with less than a ten
+/// thousandth is judged as if it had that.
+///
+/// The solver of `transport` judges its own error by the same rule.
+#[must_use]
+pub fn component_scale(own: f64, all: f64) -> f64 {
+    const FAINTEST: f64 = 1e-4;
+    (all * own.max(FAINTEST * all)).sqrt()
+}
+
 /// Extent of each cell of one incidence: ds in radians for plane axes, the solid angle of the cell and its
 /// mirror image (−φ) in steradians for space axes. Order as in the table: φ-major, columns last.
 #[must_use]

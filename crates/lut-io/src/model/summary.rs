@@ -87,8 +87,7 @@ pub struct Accuracy {
 
 /// Error of each component as it is read, at the worst incidence.
 ///
-/// Per cent of √(all reflected light · the component's own): one with a hundredth of the light may be off by ten times as large a share
-/// of itself, as if it had been counted.
+/// Per cent of its [`crate::measure::component_scale`], √(all reflected light · the component's own).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ComponentAccuracy {

@@ -426,7 +426,7 @@ impl<'t> Pair<'t> {
     }
 
     fn lobe(&self, component: Component, part: Apart, all: f64) -> LobeDifference {
-        let scale = (all * part.own).sqrt();
+        let scale = measure::component_scale(part.own, all);
         let at = [(self.grid, Some(self.i)), (self.other, self.j.filter(|_| self.same_cells))];
         let sum = |of: &dyn Fn(&Table, Option<usize>) -> f64| -> f64 {
             at.iter().map(|(lobe, stored)| of(lobe.table(), *stored)).sum()
@@ -555,9 +555,8 @@ impl<'t> Pair<'t> {
         for (k, weight) in weights.iter().enumerate() {
             let (s, phi) = (columns[k % columns.len()], azimuths[k / columns.len()]);
             let phi = if s < 0.0 { PI } else { phi };
-            let read = |row: &Row<'_>| Component::ALL.map(|component| row.eval(component, s.abs(), phi));
-            let ([i, surface, rehit], [j, other_surface, other_rehit]) =
-                (read(&self.row), read(&self.row_other));
+            let [i, surface, rehit] = self.row.eval_all(s.abs(), phi);
+            let [j, other_surface, other_rehit] = self.row_other.eval_all(s.abs(), phi);
             let pairs =
                 [(i + surface, j + other_surface), (i, j), (surface, other_surface), (rehit, other_rehit)];
             for (apart, (x, y)) in found.iter_mut().zip(pairs) {
@@ -569,8 +568,8 @@ impl<'t> Pair<'t> {
     }
 }
 
-/// Light that a table states a component to be off by without noise, at a stored incidence or as it is read; `scale` is
-/// √(all light · the component's).
+/// Light that a table states a component to be off by without noise, at a stored incidence or as it is read; `scale` is its
+/// [`measure::component_scale`].
 fn stated(table: &Table, component: Component, stored: Option<usize>, scale: f64) -> f64 {
     let meta = table.meta();
     let accuracy = &meta.accuracy;

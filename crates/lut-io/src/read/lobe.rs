@@ -223,35 +223,58 @@ impl Row<'_> {
     #[must_use]
     pub fn eval(&self, component: Component, theta_o: f64, phi: f64) -> f64 {
         let samples = &self.table.lobe(component).value;
+        let [value] = self.at_larger_angle(theta_o, |row, theta_o| {
+            [row.correction(component) * row.read(samples, theta_o, phi)]
+        });
+        value
+    }
+
+    /// [`Self::eval`] of every component, in the order of [`Component::ALL`], for little more than the price of one.
+    #[must_use]
+    pub fn eval_all(&self, theta_o: f64, phi: f64) -> [f64; 3] {
+        let samples = Component::ALL.map(|component| &self.table.lobe(component).value);
         self.at_larger_angle(theta_o, |row, theta_o| {
-            row.correction(component) * row.read(samples, theta_o, phi)
+            let read = row.read_each(samples.map(Vec::as_slice), theta_o, phi);
+            Component::ALL.map(|component| row.correction(component) * read[component as usize])
         })
     }
 
     /// What `read` finds at an exit angle; in reciprocal tables at the larger of the two angles.
-    fn at_larger_angle(&self, theta_o: f64, read: impl Fn(&Self, f64) -> f64) -> f64 {
+    fn at_larger_angle<const N: usize>(
+        &self,
+        theta_o: f64,
+        read: impl Fn(&Self, f64) -> [f64; N],
+    ) -> [f64; N] {
         if !self.of.reciprocal || theta_o <= self.theta_i {
             return read(self, theta_o);
         }
-        read(&self.of.row(theta_o), self.theta_i) * theta_o.cos() / self.theta_i.cos()
+        read(&self.of.row(theta_o), self.theta_i).map(|value| value * theta_o.cos() / self.theta_i.cos())
     }
 
     /// Standard error of [`Self::eval`], taken as fully correlated between neighbouring cells: an upper bound.
     #[must_use]
     pub fn std_error(&self, component: Component, theta_o: f64, phi: f64) -> f64 {
         let samples = &self.table.lobe(component).std_error;
-        self.at_larger_angle(theta_o, |row, theta_o| {
-            row.correction(component) * row.read(samples, theta_o, phi)
-        })
+        let [value] = self.at_larger_angle(theta_o, |row, theta_o| {
+            [row.correction(component) * row.read(samples, theta_o, phi)]
+        });
+        value
     }
 
     /// A channel of the table read by the rule above, without the correction.
     #[must_use]
     pub fn read(&self, samples: &[f32], theta_o: f64, phi: f64) -> f64 {
+        let [value] = self.read_each([samples], theta_o, phi);
+        value
+    }
+
+    fn read_each<const N: usize>(&self, samples: [&[f32]; N], theta_o: f64, phi: f64) -> [f64; N] {
         let cells = Cells { centre: self.theta_i, columns: &self.columns, phi: self.phi.as_ref() };
         // The lobe is even in φ: fold any angle to [0, π].
         let phi = if self.phi.is_some() { phi.cos().clamp(-1.0, 1.0).acos() } else { phi };
-        cells.read(theta_o, phi, self.azimuth_width, |row, column| self.cell(samples, row, column))
+        cells.read(theta_o, phi, self.azimuth_width, |row, column| {
+            samples.map(|samples| self.cell(samples, row, column))
+        })
     }
 
     /// A channel at a whole cell, without the correction: (φ row, column); the stored number at a stored θi.
@@ -273,8 +296,9 @@ impl Row<'_> {
     #[must_use]
     pub fn at_position(&self, samples: &[f32], across: f64, along: f64) -> f64 {
         let rows = self.table.meta().exit_axis.rows_per_incidence();
-        let at = |row: usize| mixed(along, self.columns.cells, |column| self.cell(samples, row, column));
-        mixed(across, rows, at)
+        let at = |row: usize| mixed(along, self.columns.cells, |column| [self.cell(samples, row, column)]);
+        let [value] = mixed(across, rows, at);
+        value
     }
 
     /// Hemispherical integral of each component as read, the correction included.
@@ -307,31 +331,36 @@ pub(super) struct Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// The values of `cell` (φ row, column) read at an exit direction, φ in [0, π] where there are φ cells; in decay tables by the
+    /// The values of `cell` (φ row, column), of N channels, read at an exit direction, φ in [0, π] where there are φ cells; in decay tables by the
     /// postulate of width w, step 3 of the rule.
-    pub(super) fn read(
+    pub(super) fn read<const N: usize>(
         &self,
         theta_o: f64,
         phi: f64,
         azimuth_width: f64,
-        cell: impl Fn(usize, usize) -> f64,
-    ) -> f64 {
-        let along = |row: usize, x: f64| {
-            mixed(self.columns.position(x), self.columns.cells, |column| cell(row, column))
-        };
+        cell: impl Fn(usize, usize) -> [f64; N],
+    ) -> [f64; N] {
+        let along =
+            |row: usize, position: f64| mixed(position, self.columns.cells, |column| cell(row, column));
+        let position = self.columns.position(theta_o);
         let Some(phi_axis) = self.phi else {
             let d = decay::decay(decay::concentration(self.centre, theta_o, azimuth_width), phi.cos());
-            return along(0, theta_o) * d + along(0, -theta_o) * (1.0 - d);
+            let (ahead, behind) = (along(0, position), along(0, self.columns.position(-theta_o)));
+            return std::array::from_fn(|n| ahead[n] * d + behind[n] * (1.0 - d));
         };
-        mixed(phi_axis.position(phi), phi_axis.cells, |row| along(row, theta_o))
+        mixed(phi_axis.position(phi), phi_axis.cells, |row| along(row, position))
     }
 }
 
 /// What is known at cell centres, linear in position between them.
-fn mixed(position: f64, cells: usize, at: impl Fn(usize) -> f64) -> f64 {
+fn mixed<const N: usize>(position: f64, cells: usize, at: impl Fn(usize) -> [f64; N]) -> [f64; N] {
     let (cell, t) = neighbours(position, cells);
     let near = at(cell);
-    if t == 0.0 { near } else { near * (1.0 - t) + t * at(cell + 1) }
+    if t == 0.0 {
+        return near;
+    }
+    let far = at(cell + 1);
+    std::array::from_fn(|n| near[n] * (1.0 - t) + t * far[n])
 }
 
 /// The node at or before x and how far (0..1) x is towards the next; clamped to the ends.

@@ -50,14 +50,14 @@ pub fn slice(
     let (columns, azimuths) = (axis.columns_at(specular), axis.phi_at(specular));
     let lobe = Cells { centre: specular, columns: &columns, phi: azimuths.as_ref() };
     let values = table.at_incidence(values, incidence);
-    let cell = |row: usize, column: usize| f64::from(values[row * columns.cells + column]);
+    let cell = |row: usize, column: usize| [f64::from(values[row * columns.cells + column])];
     let width = below.azimuth_width_deg.of(passage).to_radians();
     let phi = phi_deg.abs().to_radians();
     let exits = exits(&lobe, phi);
     Ok(PassageSlice {
         theta_i_deg: below.theta_i_deg,
         phi_deg: phi_deg.abs(),
-        value: exits.iter().map(|theta_o| lobe.read(*theta_o, phi, width, cell)).collect(),
+        value: exits.iter().flat_map(|theta_o| lobe.read(*theta_o, phi, width, cell)).collect(),
         theta_o_deg: exits.iter().map(|theta_o| theta_o.to_degrees()).collect(),
     })
 }

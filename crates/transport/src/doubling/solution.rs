@@ -39,13 +39,13 @@ pub struct Lobe {
 /// than this is judged as if it had it.
 pub const FAINT: f64 = 1e-3;
 
-/// What the error of a component is judged by where all reflected light is by itself: √(own light · all light), so that one with a
-/// hundredth of the light may be off by ten times as large a share of itself, as if it had been counted. `None` for a component
-/// so faint that it is rounding.
+/// What the error of a component is judged by where all reflected light is by itself: √(all light · its own), so that one with a
+/// hundredth of the light may be off by ten times as large a share of itself, as if it had been counted. One with less than a ten
+/// thousandth is judged as if it had that.
 #[must_use]
-pub fn component_scale(own: f64, all: f64) -> Option<f64> {
-    const FAINTEST: f64 = 1e-9;
-    (own > FAINTEST * all).then(|| (own * all).sqrt())
+pub fn component_scale(own: f64, all: f64) -> f64 {
+    const FAINTEST: f64 = 1e-4;
+    (all * own.max(FAINTEST * all)).sqrt()
 }
 
 /// How far two resolutions are apart: the solver's own error estimate.
@@ -248,9 +248,7 @@ impl Solution {
                 Geometry::Plane => minus(self.rehit(i, &fine_basis), coarse.rehit(i, &coarse_basis)),
                 Geometry::Space => Matrix::zeros(interior.rows(), interior.columns()),
             };
-            let part = |difference: &Matrix, own: f64| {
-                component_scale(own, all).map_or(0.0, |scale| apart(difference, scale))
-            };
+            let part = |difference: &Matrix, own: f64| apart(difference, component_scale(own, all));
             let components = [part(&interior, lobe.albedo - lobe.surface), part(&rehit, lobe.rehit)];
             [apart(&interior.with(&rehit, |a, b| a + b), all), components[0], components[1]]
         };
