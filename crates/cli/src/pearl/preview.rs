@@ -15,8 +15,8 @@ pub(crate) fn run(args: &PreviewArgs, manners: &Manners) -> Outcome {
     let quality = Quality { size: args.size, samples: args.samples, seed: args.seed };
     let mut files = Vec::new();
     for shape in [Shape::Sphere, Shape::Swatch] {
-        for lighting in [Lighting::Distant, Lighting::Sky] {
-            let rendered = render(&bsdf, &bsdf, shape, lighting, quality);
+        let rendered = render([&bsdf], shape, &Lighting::ALL, quality);
+        for (lighting, [rendered]) in Lighting::ALL.into_iter().zip(rendered) {
             for (view, name) in VIEWS.iter().enumerate() {
                 let path = folder.join(format!("{}-{}-{name}.png", shape.name(), lighting.name()));
                 let picture = Picture { size: args.size, pixels: rendered.view(view) };

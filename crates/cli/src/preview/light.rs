@@ -16,6 +16,9 @@ pub enum Lighting {
 }
 
 impl Lighting {
+    /// All there are.
+    pub const ALL: [Self; 2] = [Self::Distant, Self::Sky];
+
     /// Name in file names.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -44,14 +47,23 @@ impl Sequence {
     }
 
     /// The number of one dimension, in [0, 1).
-    pub(super) fn at(&self, dimension: u32) -> f64 {
-        // φ₁₀ solves x¹¹ = x + 1.
-        const PHI: f64 = 1.063_031_012_893_138_4;
-        let shift = mix64(self.shift ^ u64::from(dimension + 1)) as f64 / 18_446_744_073_709_551_616.0;
-        let step = PHI.powi(-(dimension as i32 + 1));
-        (shift + self.number * step).fract().min(1.0 - f64::EPSILON)
+    pub(super) fn at(&self, dimension: usize) -> f64 {
+        let shift = mix64(self.shift ^ (dimension as u64 + 1)) as f64 / 18_446_744_073_709_551_616.0;
+        (shift + self.number * STEPS[dimension]).fract().min(1.0 - f64::EPSILON)
     }
 }
+
+/// Powers of 1/φ₁₀, which solves x¹¹ = x + 1.
+const STEPS: [f64; 10] = {
+    const PHI: f64 = 1.063_031_012_893_138_4;
+    let mut steps = [1.0 / PHI; 10];
+    let mut k = 1;
+    while k < steps.len() {
+        steps[k] = steps[k - 1] / PHI;
+        k += 1;
+    }
+    steps
+};
 
 /// Finaliser of splitmix64 (Steele et al. 2014).
 fn mix64(x: u64) -> u64 {
@@ -146,6 +158,15 @@ impl Studio {
         self.windows.iter().fold(gradient, |sum, window| add(sum, window.radiance(direction)))
     }
 
+    /// Radiance that arrives at a point of the pearl.
+    fn incoming(&self, hit: &Hit, direction: Vector) -> Vector {
+        if hit.shape == Shape::Swatch && direction[2] < 0.12 {
+            // Another fold: about as bright as a fold under this sky.
+            return [0.16; 3];
+        }
+        self.sky(direction)
+    }
+
     /// Irradiance of the ground z = −1 with the unit sphere on it.
     fn irradiance_on_ground(&self, lighting: Lighting, point: Vector, random: &Sequence) -> Vector {
         let open = |direction: Vector| f64::from(u8::from(sphere_distance((point, direction)).is_none()));
@@ -191,54 +212,94 @@ pub(super) fn ground(
     mix(diffuse, backdrop, smooth(1.5, 9.0, away))
 }
 
-/// What the pearl sends to the viewer: diffuse, incoherent interference, lobes, and their sum; along directions of `sampler`.
-pub(super) fn reflected(
-    bsdf: &PearlBsdf,
-    sampler: &PearlBsdf,
+/// What the pearl sends to the viewer at each of many points: diffuse, incoherent interference, lobes, and their sum; along
+/// directions that the first BSDF samples.
+pub(super) fn reflected<const N: usize>(
+    bsdfs: [&PearlBsdf; N],
     studio: &Studio,
     lighting: Lighting,
-    shape: Shape,
-    hit: &Hit,
-    random: &Sequence,
-) -> Pixel {
-    let frame = Frame::new(hit.normal);
-    let view = frame.to_local(hit.view);
+    points: &[(&Hit, Sequence)],
+) -> [Vec<Pixel>; N] {
+    let frames: Vec<Frame> = points.iter().map(|(hit, _)| Frame::new(hit.normal)).collect();
+    let views: Vec<Vector> =
+        points.iter().zip(&frames).map(|((hit, _), frame)| frame.to_local(hit.view)).collect();
+    let mut pixels = [(); N].map(|()| vec![Pixel::default(); points.len()]);
+    // Towards the lights.
+    let mut pairs = Pairs::default();
     match lighting {
         Lighting::Distant => {
-            let mut pixel = Pixel::default();
-            if !shape.shades(hit.point, studio.distant) {
-                let value = bsdf.eval_seen(view, frame.to_local(studio.distant));
-                collect(&mut pixel, &value, [DISTANT_IRRADIANCE; 3]);
+            for (k, (hit, _)) in points.iter().enumerate() {
+                if !hit.shades(studio.distant) {
+                    pairs.push(k, views[k], frames[k].to_local(studio.distant), [DISTANT_IRRADIANCE; 3]);
+                }
             }
-            if let Some(sample) = sampler.sample(view, random.at(4), random.at(5), random.at(6)) {
-                let value = bsdf.eval_seen(view, sample.wo);
-                collect(&mut pixel, &value, [DISTANT_FILL / sample.pdf; 3]);
-            }
-            pixel
         }
         Lighting::Sky => {
-            let mut pixel = Pixel::default();
-            let incoming = |direction: Vector| {
-                if shape == Shape::Swatch && direction[2] < 0.12 {
-                    // Another fold: about as bright as a fold under this sky.
-                    return [0.16; 3];
-                }
-                studio.sky(direction)
-            };
-            if let Some(sample) = sampler.sample(view, random.at(4), random.at(5), random.at(6)) {
-                let direction = frame.to_world(sample.wo);
-                let value = bsdf.eval_seen(view, sample.wo);
-                let pdf = sample.pdf + window_pdf(studio, direction);
-                collect(&mut pixel, &value, incoming(direction).map(|l| l / pdf));
-            }
             // Balance heuristic (Veach & Guibas 1995) with one sample of one window.
-            let u = 3.0 * random.at(7);
-            let window = &studio.windows[(u as usize).min(2)];
-            let direction = window.sample(u.fract(), random.at(8));
-            let light = frame.to_local(direction);
-            let pdf = sampler.pdf(view, light) + window_pdf(studio, direction);
-            collect(&mut pixel, &bsdf.eval_seen(view, light), incoming(direction).map(|l| l / pdf));
-            pixel
+            let towards = points.iter().map(|(_, random)| {
+                let u = 3.0 * random.at(7);
+                studio.windows[(u as usize).min(2)].sample(u.fract(), random.at(8))
+            });
+            let towards: Vec<Vector> = towards.collect();
+            let lights: Vec<Vector> =
+                towards.iter().zip(&frames).map(|(towards, frame)| frame.to_local(*towards)).collect();
+            let mut densities = vec![0.0; points.len()];
+            bsdfs[0].pdf_many(&views, &lights, &mut densities);
+            for (k, (hit, _)) in points.iter().enumerate() {
+                let pdf = densities[k] + window_pdf(studio, towards[k]);
+                pairs.push(k, views[k], lights[k], studio.incoming(hit, towards[k]).map(|l| l / pdf));
+            }
+        }
+    }
+    for (bsdf, pixels) in bsdfs.iter().zip(&mut pixels) {
+        pairs.collect(bsdf, pixels);
+    }
+    // Where the lobes point.
+    let numbers: Vec<[f64; 3]> = points.iter().map(|(_, random)| [4, 5, 6].map(|d| random.at(d))).collect();
+    let mut samples = vec![None; points.len()];
+    bsdfs[0].sample_seen_many(&views, &numbers, &mut samples);
+    let mut pairs = Pairs::default();
+    for (k, sample) in samples.iter().enumerate() {
+        let Some(sample) = sample else { continue };
+        let weight = match lighting {
+            Lighting::Distant => [DISTANT_FILL / sample.pdf; 3],
+            Lighting::Sky => {
+                let direction = frames[k].to_world(sample.wo);
+                let pdf = sample.pdf + window_pdf(studio, direction);
+                studio.incoming(points[k].0, direction).map(|l| l / pdf)
+            }
+        };
+        add_light(&mut pixels[0][k], &sample.value, weight);
+        pairs.push(k, views[k], sample.wo, weight);
+    }
+    for (bsdf, pixels) in bsdfs.iter().zip(&mut pixels).skip(1) {
+        pairs.collect(bsdf, pixels);
+    }
+    pixels
+}
+
+/// Pairs of directions at some of the points, and what the value there counts.
+#[derive(Default)]
+struct Pairs {
+    point: Vec<usize>,
+    view: Vec<Vector>,
+    light: Vec<Vector>,
+    weight: Vec<Vector>,
+}
+
+impl Pairs {
+    fn push(&mut self, point: usize, view: Vector, light: Vector, weight: Vector) {
+        self.point.push(point);
+        self.view.push(view);
+        self.light.push(light);
+        self.weight.push(weight);
+    }
+
+    fn collect(&self, bsdf: &PearlBsdf, pixels: &mut [Pixel]) {
+        let mut values = vec![Evaluation::default(); self.point.len()];
+        bsdf.eval_seen_many(&self.view, &self.light, &mut values);
+        for ((point, value), weight) in self.point.iter().zip(&values).zip(&self.weight) {
+            add_light(&mut pixels[*point], value, *weight);
         }
     }
 }
@@ -247,7 +308,7 @@ fn window_pdf(studio: &Studio, direction: Vector) -> f64 {
     studio.windows.iter().map(|window| window.pdf(direction)).sum::<f64>() / studio.windows.len() as f64
 }
 
-fn collect(pixel: &mut Pixel, value: &Evaluation, weight: Vector) {
+fn add_light(pixel: &mut Pixel, value: &Evaluation, weight: Vector) {
     let lobes = add(value.mirror, value.blur);
     for (sum, part) in pixel.iter_mut().zip([value.diffuse, value.incoherent, lobes, value.rgb()]) {
         *sum = add(*sum, std::array::from_fn(|c| part[c] * weight[c]));

@@ -11,7 +11,7 @@ pub use scene::Shape;
 use light::Studio;
 use pearl_bsdf::PearlBsdf;
 use rayon::prelude::*;
-use scene::Surface;
+use scene::{Hit, Surface};
 
 /// What a picture shows: the paper's Fig. 4.
 pub const VIEWS: [&str; 4] = ["diffuse", "incoherent", "lobes", "sum"];
@@ -49,48 +49,97 @@ impl Rendered {
     }
 }
 
-/// Draws a BSDF.
+/// Draws BSDFs beside each other, under each of some lights: a picture by light, then by BSDF.
 ///
-/// Every pixel is a function of its coordinates and the seed: the same on any number of threads. Directions are sampled
-/// by `sampler`: two BSDFs drawn with one sampler see the same light from the same directions, and the difference of
-/// their pictures has hardly any noise.
+/// Every pixel is a function of its coordinates and the seed: the same on any number of threads. All see the same light from the
+/// same directions, which the first samples, so that the difference of their pictures has hardly any noise.
 #[must_use]
-pub fn render(
-    bsdf: &PearlBsdf,
-    sampler: &PearlBsdf,
+pub fn render<const N: usize>(
+    bsdfs: [&PearlBsdf; N],
     shape: Shape,
+    lightings: &[Lighting],
+    quality: Quality,
+) -> Vec<[Rendered; N]> {
+    let studio = Studio::new(shape);
+    let size = quality.size;
+    let tiles: Vec<Vec<[Tile; N]>> = (0..size * size)
+        .step_by(TILE)
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .map(|first| {
+            let rays = rays(shape, quality, first..(first + TILE as u32).min(size * size));
+            lightings.iter().map(|lighting| tile(bsdfs, &studio, *lighting, quality, &rays)).collect()
+        })
+        .collect();
+    let whole = |light: usize, n: usize| Rendered {
+        pixels: tiles.iter().flat_map(|tile| &tile[light][n].pixels).copied().collect(),
+        pearl: tiles.iter().flat_map(|tile| &tile[light][n].pearl).copied().collect(),
+    };
+    (0..lightings.len()).map(|light| std::array::from_fn(|n| whole(light, n))).collect()
+}
+
+/// Pixels that are drawn together: many pairs of directions at a call cost less than half.
+const TILE: usize = 32;
+/// Few rays from the camera smooth the edges; a distant light then needs hardly any samples.
+const MOST_RAYS: u32 = 8;
+const SAMPLES_OF_DISTANT_LIGHT: u32 = 2;
+
+/// Part of a [`Rendered`].
+type Tile = Rendered;
+
+/// A ray from the camera and what it meets.
+struct Seen {
+    pixel: u32,
+    number: u32,
+    ray: scene::Ray,
+    surface: Surface,
+}
+
+fn rays(shape: Shape, quality: Quality, pixels: std::ops::Range<u32>) -> Vec<Seen> {
+    let (camera, size) = (shape.camera(), quality.size);
+    let rays = quality.samples.min(MOST_RAYS);
+    let at = |pixel: u32, jitter: f64| 2.0 * (f64::from(pixel) + jitter) / f64::from(size) - 1.0;
+    let seen = |pixel: u32, number: u32| {
+        let random = light::Sequence::new(quality.seed, pixel, number);
+        let ray = camera.ray(at(pixel % size, random.at(0)), -at(pixel / size, random.at(1)));
+        Seen { pixel, number, ray, surface: shape.hit(ray) }
+    };
+    pixels.flat_map(|pixel| (0..rays).map(move |number| (pixel, number))).map(|(p, n)| seen(p, n)).collect()
+}
+
+/// A tile under one light.
+fn tile<const N: usize>(
+    bsdfs: [&PearlBsdf; N],
+    studio: &Studio,
     lighting: Lighting,
     quality: Quality,
-) -> Rendered {
-    let studio = Studio::new(shape);
-    // Few rays from the camera smooth the edges; a distant light then needs hardly any samples.
-    let rays = quality.samples.min(8);
+    rays: &[Seen],
+) -> [Tile; N] {
+    let rays_of_pixel = quality.samples.min(MOST_RAYS);
     let samples = match lighting {
-        Lighting::Distant => 2,
-        Lighting::Sky => quality.samples.div_ceil(rays),
+        Lighting::Distant => SAMPLES_OF_DISTANT_LIGHT,
+        Lighting::Sky => quality.samples.div_ceil(rays_of_pixel),
     };
-    let size = quality.size;
-    let (pixels, pearl) = (0..size * size)
-        .into_par_iter()
-        .with_min_len(64)
-        .map(|index| {
-            let (x, y) = (index % size, index / size);
-            let (mut sum, mut pearl) = (Pixel::default(), false);
-            for n in 0..rays {
-                let random = light::Sequence::new(quality.seed, index, n);
-                let at = |pixel: u32, jitter: f64| 2.0 * (f64::from(pixel) + jitter) / f64::from(size) - 1.0;
-                let ray = shape.camera().ray(at(x, random.at(0)), -at(y, random.at(1)));
-                let surface = shape.hit(ray);
-                pearl |= matches!(surface, Surface::Pearl(_));
+    let sequence =
+        |seen: &Seen, k: u32| light::Sequence::new(quality.seed, seen.pixel, seen.number * samples + k);
+    let hits: Vec<(&Hit, light::Sequence)> = rays
+        .iter()
+        .filter_map(|seen| if let Surface::Pearl(hit) = &seen.surface { Some((seen, hit)) } else { None })
+        .flat_map(|(seen, hit)| (0..samples).map(move |k| (hit, sequence(seen, k))))
+        .collect();
+    let reflected = light::reflected(bsdfs, studio, lighting, &hits);
+    reflected.map(|reflected| {
+        let mut reflected = reflected.into_iter();
+        let mut tile = Tile { pixels: Vec::new(), pearl: Vec::new() };
+        for pixel in rays.chunks(rays_of_pixel as usize) {
+            let mut sum = Pixel::default();
+            for seen in pixel {
                 for k in 0..samples {
-                    let random = light::Sequence::new(quality.seed, index, n * samples + k);
-                    let radiance = match &surface {
-                        Surface::Pearl(hit) => {
-                            light::reflected(bsdf, sampler, &studio, lighting, shape, hit, &random)
-                        }
+                    let radiance = match &seen.surface {
+                        Surface::Pearl(_) => reflected.next().unwrap_or_default(),
                         Surface::Ground(point) => {
-                            let radiance = light::ground(&studio, lighting, ray, *point, &random);
-                            [radiance; VIEWS.len()]
+                            let random = sequence(seen, k);
+                            [light::ground(studio, lighting, seen.ray, *point, &random); VIEWS.len()]
                         }
                     };
                     for (sum, radiance) in sum.iter_mut().zip(radiance) {
@@ -98,8 +147,9 @@ pub fn render(
                     }
                 }
             }
-            (sum.map(|rgb| rgb.map(|c| c / f64::from(rays * samples))), pearl)
-        })
-        .unzip();
-    Rendered { pixels, pearl }
+            tile.pixels.push(sum.map(|rgb| rgb.map(|c| c / f64::from(rays_of_pixel * samples))));
+            tile.pearl.push(pixel.iter().any(|seen| matches!(seen.surface, Surface::Pearl(_))));
+        }
+        tile
+    })
 }

@@ -28,6 +28,19 @@ pub(super) struct Hit {
     pub(super) normal: Vector,
     /// Unit vector to the viewer.
     pub(super) view: Vector,
+    /// What it is a point of.
+    pub(super) shape: Shape,
+}
+
+impl Hit {
+    /// Whether something stands between the point and the light in a direction.
+    pub(super) fn shades(&self, direction: Vector) -> bool {
+        match self.shape {
+            // A convex shape does not shade itself.
+            Shape::Sphere => false,
+            Shape::Swatch => swatch_shades(self.point, direction),
+        }
+    }
 }
 
 /// A pinhole camera.
@@ -75,15 +88,6 @@ impl Shape {
             Self::Swatch => swatch(ray),
         }
     }
-
-    /// Whether something stands between a point and the light in a direction.
-    pub(super) fn shades(self, point: Vector, direction: Vector) -> bool {
-        match self {
-            // A convex shape does not shade itself.
-            Self::Sphere => false,
-            Self::Swatch => swatch_shades(point, direction),
-        }
-    }
 }
 
 /// Distance along a ray to the unit sphere at the origin.
@@ -98,21 +102,40 @@ fn sphere_or_ground(ray: Ray) -> Surface {
     let (origin, direction) = ray;
     if let Some(t) = sphere_distance(ray) {
         let point = add(origin, scale(direction, t));
-        return Surface::Pearl(Hit { point, normal: point, view: scale(direction, -1.0) });
+        return Surface::Pearl(Hit {
+            point,
+            normal: point,
+            view: scale(direction, -1.0),
+            shape: Shape::Sphere,
+        });
     }
     let t = (-1.0 - origin[2]) / direction[2];
     Surface::Ground((t > 0.0).then(|| add(origin, scale(direction, t))))
 }
 
-/// Height of the sheet.
+/// Height of the sheet, and the slopes along x and y.
+fn sheet(x: f64, y: f64) -> (f64, [f64; 2]) {
+    let (bend, bend_slope) = (1.7 * y + 0.4).sin_cos();
+    let (fold, fold_slope) = (2.6 * x + 1.4 * bend).sin_cos();
+    let (twist, twist_slope) = (2.0 * x).sin_cos();
+    let (cross, cross_slope) = (3.6 * y - 1.3 * x + twist).sin_cos();
+    let (ripple, ripple_slope) = (6.1 * x + 4.6 * y).sin_cos();
+    let height = 0.16 * fold + 0.1 * cross + 0.03 * ripple;
+    let along_x =
+        0.16 * 2.6 * fold_slope + 0.1 * (2.0 * twist_slope - 1.3) * cross_slope + 0.03 * 6.1 * ripple_slope;
+    let along_y =
+        0.16 * 1.4 * 1.7 * bend_slope * fold_slope + 0.1 * 3.6 * cross_slope + 0.03 * 4.6 * ripple_slope;
+    (height, [along_x, along_y])
+}
+
 fn height(x: f64, y: f64) -> f64 {
-    let fold = (2.6 * x + 1.4 * (1.7 * y + 0.4).sin()).sin();
-    let cross = (3.6 * y - 1.3 * x + 1.0 * (2.0 * x).sin()).sin();
-    0.16 * fold + 0.1 * cross + 0.03 * (6.1 * x + 4.6 * y).sin()
+    sheet(x, y).0
 }
 
 /// Largest height of the sheet.
 const CREST: f64 = 0.16 + 0.1 + 0.03;
+/// Height over the sheet below which it is straight enough for the secant's method.
+const NEAR: f64 = 0.02;
 /// Bound of its slope: the sum of amplitude times wavenumber of its terms.
 const STEEPEST: f64 = 0.16 * 3.9 + 0.1 * 5.4 + 0.03 * 7.7;
 
@@ -124,20 +147,34 @@ fn swatch((origin, direction): Ray) -> Surface {
     let above = |p: Vector| p[2] - height(p[0], p[1]);
     // The sheet is nowhere steeper than STEEPEST: this much of the height is free of it.
     let free = 1.0 / (1.0 + STEEPEST);
+    let mut before = (enter, above(at(enter)));
     let mut t = enter;
     for _ in 0..80 {
-        let step = above(at(t)) * free;
-        t = (t + step).min(leave);
-        if step < 1e-5 {
+        t = (before.0 + before.1 * free).min(leave);
+        let clear = above(at(t));
+        if clear < NEAR {
+            t = secant(before, (t, clear), |t| above(at(t))).clamp(enter, leave);
             break;
         }
+        before = (t, clear);
     }
-    let hi = t;
-    let point = at(hi);
-    let e = 1e-4;
-    let slope_x = (height(point[0] + e, point[1]) - height(point[0] - e, point[1])) / (2.0 * e);
-    let slope_y = (height(point[0], point[1] + e) - height(point[0], point[1] - e)) / (2.0 * e);
-    Surface::Pearl(Hit { point, normal: normalize([-slope_x, -slope_y, 1.0]), view: scale(direction, -1.0) })
+    let point = at(t);
+    let (_, [slope_x, slope_y]) = sheet(point[0], point[1]);
+    let normal = normalize([-slope_x, -slope_y, 1.0]);
+    Surface::Pearl(Hit { point, normal, view: scale(direction, -1.0), shape: Shape::Swatch })
+}
+
+/// Where a function falls to zero that is all but straight, from two of its points.
+fn secant(mut before: (f64, f64), mut now: (f64, f64), f: impl Fn(f64) -> f64) -> f64 {
+    for _ in 0..10 {
+        let fall = (before.1 - now.1) / (now.0 - before.0);
+        if now.1.abs() < 1e-9 || !fall.is_finite() || fall <= 0.0 {
+            break;
+        }
+        let t = now.0 + now.1 / fall;
+        (before, now) = (now, (t, f(t)));
+    }
+    now.0
 }
 
 fn swatch_shades(point: Vector, direction: Vector) -> bool {
@@ -150,4 +187,39 @@ fn swatch_shades(point: Vector, direction: Vector) -> bool {
         let p = add(point, scale(direction, 0.01 + leave * f64::from(i) / f64::from(steps)));
         p[2] < height(p[0], p[1])
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rays_end_on_the_sheet_and_its_slopes_are_those_of_its_height() {
+        let camera = Shape::Swatch.camera();
+        for k in 0..400 {
+            let (u, v) = (f64::from(k % 20) / 10.0 - 0.95, f64::from(k / 20) / 10.0 - 0.95);
+            let (origin, direction) = camera.ray(u, v);
+            let Surface::Pearl(hit) = Shape::Swatch.hit((origin, direction)) else {
+                panic!("the sheet fills the picture")
+            };
+            let [x, y, z] = hit.point;
+            assert!((z - height(x, y)).abs() < 1e-7, "{u} {v}: {}", z - height(x, y));
+            // Nothing of the sheet stands before it.
+            let reached = dot(add(hit.point, scale(origin, -1.0)), direction);
+            let clear = |part: f64| {
+                let [x, y, z] = add(origin, scale(direction, part * reached));
+                z - height(x, y)
+            };
+            assert!((1..1000).all(|k| clear(f64::from(k) / 1000.0) > -1e-9), "{u} {v}");
+            let (_, slopes) = sheet(x, y);
+            let e = 1e-5;
+            let differences = [
+                (height(x + e, y) - height(x - e, y)) / (2.0 * e),
+                (height(x, y + e) - height(x, y - e)) / (2.0 * e),
+            ];
+            for (slope, difference) in slopes.iter().zip(differences) {
+                assert!((slope - difference).abs() < 1e-8, "{slope} {difference}");
+            }
+        }
+    }
 }
