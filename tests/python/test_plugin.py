@@ -194,6 +194,30 @@ def test_values_are_those_of_the_rust_evaluator(variant, kind, tables, reference
     assert_close(pdf, densities[::step], f"{variant} pdf")
 
 
+@pytest.fixture(scope="module")
+def dispersed(folder):
+    path = folder / "dispersed.exr"
+    run("bake-brdf", "golden", "--solver", "doubling", "--accuracy", 10, "-q", "-o", path)
+    wi, wo = random_pairs(2000)
+    return path, wi, wo, *rust(path, wi, wo, "--body-rgb", "0.7,0.7,0.7")
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral", "scalar_spectral"])
+def test_a_dispersed_table_shows_all_its_bands(variant, dispersed):
+    use(variant)
+    path, wi, wo, values, densities, _ = dispersed
+    expected = expected_of(values)
+    if "mono" in variant:
+        expected = expected @ [[0.212671], [0.715160], [0.072169]]
+    step = 1 if variant.startswith("llvm") else 40
+    found, pdf = plugin(load(path, body_color=rgb(GREY)), wi[::step], wo[::step])
+    for channel, wanted in zip(found.T, expected[::step].T, strict=True):
+        assert_close(channel, wanted, variant)
+    assert_close(pdf, densities[::step], f"{variant} pdf")
+    own = nacre.arrays(nacre.Table(path))["cells"][:, ..., :2].sum(axis=(1, 2, 3, 4))
+    assert np.ptp(own) > 0.01 * own.max(), "a table whose bands are alike would tell nothing"
+
+
 def test_every_component_is_that_of_the_rust_evaluator(tables, reference):
     use("llvm_ad_rgb")
     wi, wo, values, _, parts = reference["decay"]

@@ -135,7 +135,7 @@ fn height(x: f64, y: f64) -> f64 {
 /// Largest height of the sheet.
 const CREST: f64 = 0.16 + 0.1 + 0.03;
 /// Height over the sheet below which it is straight enough for the secant's method.
-const NEAR: f64 = 0.02;
+const NEAR: f64 = 0.004;
 /// Bound of its slope: the sum of amplitude times wavenumber of its terms.
 const STEEPEST: f64 = 0.16 * 3.9 + 0.1 * 5.4 + 0.03 * 7.7;
 

@@ -10,9 +10,10 @@ from .. import cache
 from .._nacre import InputError, Recipe, recipes
 from . import controls as parameters
 from . import curves, table
-from .colours import Deriver, NumPy, Palette, chances
-from .lobes import Facets, Pair, Polar, Tabulated
-from .paint import Bands, Channels, Light
+from .colours import LUMINANCE, Palette, chances
+from .layer import Layer, hats
+from .lobes import Pair, Polar
+from .paint import Light
 from .store import Types, reachable
 from .table import PearlError, Table
 
@@ -136,15 +137,10 @@ def _pearl(base):
             types = self.types
             # A copy: Dr.Jit lends NumPy's memory, and this one belongs to every pearl of the table.
             self.lut = types.TensorXf(self.table.values.copy())
-            self.tabulated = Tabulated(types, self.table)
-            self.facets = Facets(self.table.arrays)
-            self.mirror_scale = types.store(self.table.mirror_scale, 1)
-            kind = "bands" if types.spectral else "mono" if types.mono else "rgb"
-            palette = Palette.of(self.table, kind)
-            self.bands = self.table.arrays["channel_nm"] if kind == "bands" and palette.channels > 1 else None
-            self.painter = Channels if self.bands is None else Bands
-            self.derive = Deriver(palette, types if types.jit else NumPy)
-            self.rgb_palette = palette if kind == "rgb" else Palette.of(self.table, "rgb")
+            # The lobes at the table's own wavelength are what is sampled.
+            self.layers = [Layer(types, band) for band in self.table.bands]
+            self.tabulated, self.facets = self.layers[0].tabulated, self.layers[0].facets
+            self.rgb_palette = Palette.of(self.table, "rgb")
 
         def _bake_what_is_called_for(self):
             """A control that needs an effect which was not baked bakes it now."""
@@ -245,12 +241,12 @@ def _pearl(base):
             parameters.colour("tint", plain[3])
             parameters.check_parts(self.table, plain[0], plain[2])
             given = self._fresh() if types.jit else plain
-            derived = self.derive(*given)
-            self.colours = self.painter(types, derived, self.bands)
+            for layer in self.layers:
+                layer.paint(given)
             self.used_depth = given[0]
             self.chances = types.store(chances(self.rgb_palette, plain, self._body_for_sampling(), self.shown), 4)
             # What Dr.Jit finds by itself of an object is what lies in its own attributes, lists among them.
-            parts = (self.tabulated, self.mirror_scale, self.derive, self.colours, self.chances, self.used_depth)
+            parts = (self.layers, self.chances, self.used_depth)
             self.reachable = list(reachable(parts)) if types.jit else []
 
         def _body_for_sampling(self):
@@ -348,18 +344,16 @@ def _pearl(base):
 
         def _value_and_density(self, ctx, si, pair, at, chance, active, want_value=True):
             exit = self.tabulated.exit(at, pair.exit, pair.y2)
-            cells = self.tabulated.read(at, exit, active)
-            pdf = dr.select(active, self._density(chance, pair, at, exit, cells), 0.0)
+            seen = at, exit, self.tabulated.read(at, exit, active)
+            pdf = dr.select(active, self._density(chance, pair, *seen), 0.0)
             if not want_value:
                 return None, pdf
             if ctx.mode == mi.TransportMode.Radiance:
-                value = self._shade(ctx, si, pair, at, exit, cells, active)
+                value = self._shade(ctx, si, pair, seen, active)
             else:
                 # Light is traced the other way through the same surface: f is that of the viewer at wo.
                 back = Pair.of(pair.exit, pair.incidence)
-                at = self.tabulated.incidence(back.incidence, active)
-                exit = self.tabulated.exit(at, back.exit, back.y2)
-                value = self._shade(ctx, si, back, at, exit, self.tabulated.read(at, exit, active), active)
+                value = self._shade(ctx, si, back, self.layers[0].seen(back, active), active)
                 value = value * (pair.exit.cos / dr.maximum(pair.incidence.cos, 1e-12))
             return dr.select(active, value, self.types.UnpolarizedSpectrum(0.0)), pdf
 
@@ -424,33 +418,55 @@ def _pearl(base):
             index = dr.minimum(self.types.floor(u), curves.STEPS - 1)
             return index, u - self.types.Float(index)
 
-        def _at_larger_angle(self, pair, light, active):
-            """Interior and rehit of a reciprocal table, given as they are read at the incidence."""
-            larger = self.tabulated.incidence(pair.exit, active)
-            exit = self.tabulated.exit(larger, pair.incidence, pair.y2)
-            back = self.tabulated.eval(larger, exit, self.tabulated.read(larger, exit, active))
-            taken_over = pair.exit.cos / dr.maximum(pair.incidence.cos, 1e-12)
-            swap = pair.exit.cos < pair.incidence.cos
-            return [dr.select(swap, b * taken_over, a) for a, b in zip(light, back)]
-
-        def _shade(self, ctx, si, pair, at, exit, cells, active):
+        def _shade(self, ctx, si, pair, seen, active):
+            """f·cos θo of all that is shown; seen: of the first layer."""
+            types = self.types
             places = [
                 self._place(pair.incidence.cos, pair.incidence.sin),
                 self._place(pair.exit.cos, pair.exit.sin),
                 self._place(pair.half.cos),
             ]
-            scale = self.mirror_scale.between(*places[0], active)[0]
-            interior, rehit = self.tabulated.eval(at, exit, cells)
-            if self.table.reciprocal:
-                scale = scale * self.mirror_scale.between(*places[1], active)[0] * pair.exit.cos
-                interior, rehit = self._at_larger_angle(pair, (interior, rehit), active)
-            mirror = rehit + self.facets.eval(pair.half) * scale
             diffuse, incoherent, show_mirror, show_blur = (float(shown) for shown in self._enabled(ctx))
-            lobe = interior * show_blur + mirror * show_mirror
             depth = self.used_depth
-            light = Light(lobe, pair.exit.cos, depth, (1.0 - depth) * diffuse, depth * incoherent)
-            wavelengths = si.wavelengths if self.types.spectral else None
-            values = self.colours.shade(light, places, self.body.eval(si, active), wavelengths, active)
-            return self.types.UnpolarizedSpectrum(*values)
+            light = Light(pair.exit.cos, depth, (1.0 - depth) * diffuse, depth * incoherent)
+            wavelengths = si.wavelengths if types.spectral else None
+            body = self.body.eval(si, active)
+            several = len(self.layers) > 1
+            if types.mono and several:
+                body = [body[0]] * 3
+
+            def parts(layer, seen):
+                mirror, blur = layer.lobes(pair, seen, places, active)
+                mirror, blur = mirror * show_mirror, blur * show_blur
+                coloured = layer.colours.shade(light, places, body, wavelengths, active)
+                return [(factor * mirror, factor * blur, *base) for factor, *base in coloured]
+
+            found = parts(self.layers[0], seen)
+            if several:
+                further = (parts(layer, layer.seen(pair, active)) for layer in self.layers[1:])
+                found = self._mixed([found, *further], wavelengths)
+            values = [mirror + blur + base + coloured for mirror, blur, base, coloured in found]
+            if types.mono and several:
+                values = [sum(weight * value for weight, value in zip(LUMINANCE, values))]
+            return types.UnpolarizedSpectrum(*values)
+
+        def _mixed(self, bands, wavelengths):
+            """The parts of every channel from those in all bands."""
+            arrays = self.table.arrays
+            if wavelengths is None:
+                # The shares of sRGB's channels may be negative; light may not.
+                share = lambda k, channel: float(arrays["rgb_weights"][k][channel])  # noqa: E731
+                least = 0.0
+            else:
+                hat = hats(arrays["wavelength_nm"])
+                share = lambda k, channel: hat[k](wavelengths[channel])  # noqa: E731
+                least = -dr.inf
+
+            def channel(c):
+                shares = [share(k, c) for k in range(len(bands))]
+                mixed = (sum(weight * band[c][part] for weight, band in zip(shares, bands)) for part in range(4))
+                return [dr.maximum(part, least) for part in mixed]
+
+            return [channel(c) for c in range(len(bands[0]))]
 
     return Pearl

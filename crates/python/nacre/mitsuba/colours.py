@@ -16,7 +16,8 @@ from . import curves
 
 #: Below this the light left for the base is rounding.
 _NOTHING_LEFT = 1e-12
-_LUMINANCE = np.array([[0.212671, 0.715160, 0.072169]])
+#: Of linear sRGB.
+LUMINANCE = (0.212671, 0.715160, 0.072169)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ class Palette:
     def _of(cls, table, kind):
         stored = "spectral" if kind == "bands" else "rgb"
         # Everything is linear in the channels.
-        mixed = (lambda rows: np.tensordot(_LUMINANCE, rows, 1)) if kind == "mono" else (lambda rows: rows)
+        mixed = (lambda rows: np.tensordot([LUMINANCE], rows, 1)) if kind == "mono" else (lambda rows: rows)
         channels = lambda name: mixed(table.arrays[f"{name}_{stored}"])  # noqa: E731
         of_band = lambda name: mixed(table.arrays[f"{name}_{stored}"][0])  # noqa: E731
         # Interior, single, rehit; the arrays have the single reflection last.

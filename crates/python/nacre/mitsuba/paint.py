@@ -1,4 +1,4 @@
-"""What the derived curves make of the light of the lobes and of the body, channel by channel.
+"""What the derived curves make of the lobes and of the body, channel by channel.
 
 All curves of one place are read together: a record holds all channels at a node, or two neighbouring bands at two
 neighbouring nodes.
@@ -17,20 +17,20 @@ _NODES = np.arange(curves.NODES)
 
 @dataclass
 class Light:
-    """What is reflected, short of all colour: the lobes, cos θo for the base, its depth, and what is shown of its parts."""
+    """What the base reflects, short of all colour: cos θo, its depth, and what is shown of its parts."""
 
-    lobe: object
     cos_o: object
     depth: object
     diffuse: object
     incoherent: object
 
     def coloured(self, body, scale, rest_i, rest_o, limit, factor, emission):
-        """f·cos θo in one channel; scale: that of the base (`_base`)."""
+        """In one channel: what multiplies f·cos θo of the lobes, and f·cos θo of the diffuse and the incoherent base; scale: that of
+        the base (`_base`)."""
         # At no viewing angle does the base send out more than it receives.
         sent = body * dr.fma(self.depth, emission - 1.0, 1.0)
         matte = body * scale / dr.maximum(sent, 1.0) * rest_i * rest_o * self.cos_o
-        return self.lobe * factor * limit + matte * (self.diffuse + self.incoherent * emission)
+        return factor * limit, matte * self.diffuse, matte * (self.incoherent * emission)
 
 
 def _base(types, derived):
@@ -61,7 +61,7 @@ class Channels:
         self.base = types.rearranged(_base(types, derived), channel[None], width)
 
     def shade(self, light, places, body, wavelengths, active):
-        """Values of all channels. places: of the viewer, of the light, and of θd."""
+        """`Light.coloured` of all channels. places: of the viewer, of the light, and of θd."""
         at_i, at_o, at_d = places
         read = lambda store, place: store.between(*place, active)  # noqa: E731
         scale = self.base.read(self.types.UInt32(0), active)
@@ -92,7 +92,7 @@ class Bands:
         self.base = types.rearranged(_base(types, derived), low + np.array([0, 1]), 2)
 
     def shade(self, light, places, body, wavelengths, active):
-        """Values at the wavelengths. places: of the viewer, of the light, and of θd."""
+        """`Light.coloured` at the wavelengths. places: of the viewer, of the light, and of θd."""
         return [self._at(light, places, body[k], wavelengths[k], active) for k in range(len(wavelengths))]
 
     def _at(self, light, places, body, nm, active):
@@ -113,4 +113,5 @@ class Bands:
         below, above = (
             light.coloured(body, scale, *(record[k] for record in records)) for k, scale in enumerate(scales)
         )
-        return dr.fma(x - self.types.Float(band), above - below, below)
+        fraction = x - self.types.Float(band)
+        return tuple(dr.fma(fraction, b - a, a) for a, b in zip(below, above))

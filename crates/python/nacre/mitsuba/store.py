@@ -3,6 +3,8 @@
 import drjit as dr
 import numpy as np
 
+from .table import Table
+
 
 def reachable(part):
     """The arrays of Dr.Jit in an object of ours and in what it holds: those that `dr.freeze` must know."""
@@ -13,7 +15,7 @@ def reachable(part):
     elif isinstance(part, (list, tuple)):
         for each in part:
             yield from reachable(each)
-    elif type(part).__module__.startswith(__package__) and not isinstance(part, Types):
+    elif type(part).__module__.startswith(__package__) and not isinstance(part, (Types, Table)):
         yield from reachable(list(vars(part).values()))
 
 

@@ -1,6 +1,6 @@
-"""A pearl table as the plugin reads it: its prepared arrays (docs/ARRAYS.md), at its own wavelength."""
+"""A pearl table as the plugin reads it: its prepared arrays (docs/ARRAYS.md)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -12,6 +12,12 @@ from .axes import HALF_PI, ExitAxis, sampling_measure
 
 BAKE = "bake-brdf RECIPE -o pearl.exr"
 
+#: Arrays whose first axis is the band.
+_BY_BAND = (
+    "wavelength_nm", "slope_sd", "index_ratio", "azimuth_width", "span_curves", "cells", "mirror", "albedo_plain",
+    "modulation_rgb", "modulation_spectral", "albedo_rgb", "albedo_spectral",
+)  # fmt: skip
+
 
 class PearlError(InputError):
     """A table or a parameter that makes no BSDF; the message names it, and what would be right."""
@@ -19,7 +25,8 @@ class PearlError(InputError):
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A table with all that evaluating it needs; angles are radians. Lobes come in the order interior, rehit: what is tabulated."""
+    """The lobes of a table at one wavelength, with all that evaluating them needs; angles are radians. Lobes come in the order
+    interior, rehit: what is tabulated."""
 
     name: str
     meta: dict = field(repr=False)
@@ -31,6 +38,13 @@ class Table:
     def of(cls, stored, name):
         """Of a `nacre.Table`."""
         return cls(name, stored.meta, {name: array.astype(float) for name, array in arrays(stored).items()})
+
+    @cached_property
+    def bands(self):
+        """The table at each of its wavelengths, its own first."""
+        at = lambda k: {name: array[k : k + 1] if name in _BY_BAND else array for name, array in self.arrays.items()}  # noqa: E731
+        further = range(1, len(self.arrays["wavelength_nm"]))
+        return [self, *(replace(self, arrays=at(k), palettes={}) for k in further)]
 
     @cached_property
     def axis(self):
