@@ -8,13 +8,11 @@ use bake_brdf::bake::{self, BakeError, Observer, Request, Shard};
 use bake_brdf::effects::{Effect, Effects};
 use bake_brdf::options::{Options, Target};
 use bake_brdf::recipe::Recipe;
-use bake_brdf::scene::Scene;
 use lut_io::exr_file;
 use lut_io::lobe::Interpolant;
 use lut_io::merl::Merl;
 use lut_io::table::Component;
 use lut_io::tensor_file::{self, Field};
-use std::path::Path;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
@@ -22,12 +20,11 @@ use std::sync::atomic::AtomicBool;
 pub(crate) type Reader = fn(&[u8]) -> Result<(), String>;
 
 /// Every reader by the name of its target.
-pub(crate) const READERS: [(&str, Reader); 8] = [
+pub(crate) const READERS: [(&str, Reader); 7] = [
     ("table", table),
     ("bsdf", bsdf),
     ("merl", merl),
     ("recipe", recipe),
-    ("scene", scene),
     ("state", state),
     ("checkpoint", checkpoint),
     ("shard", shard),
@@ -205,20 +202,4 @@ pub(crate) fn small_bake(target: Target) -> Request {
 pub(crate) fn half(index: u32) -> Snapshot {
     snapshot::walk_shard(&small_bake(Target::Paths(40_000)), Shard { index, count: 2 }, &Observer::idle())
         .expect("a shard")
-}
-
-/// Mitsuba scenes: what is read can be copied.
-pub(crate) fn scene(bytes: &[u8]) -> Result<(), String> {
-    // Includes and recipes are looked for beside the scene: in a folder of its own there are none.
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let path = folder.path().join("scene.xml");
-    std::fs::write(&path, bytes).expect("a temporary file");
-    match Scene::read(&path, None) {
-        Ok(scene) => {
-            let copy = scene.copy(Path::new("."), &vec![None; scene.pearls.len()]);
-            assert!(!copy.is_empty());
-            Ok(())
-        }
-        Err(why) => refused(why),
-    }
 }

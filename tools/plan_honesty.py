@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""Predicted and measured seconds: what `bake-brdf plan --scene` says of the scenes in data/scenes, and what the bakes take.
+"""Predicted and measured seconds: what `bake-brdf plan` says of the tables that the scenes in data/scenes call for, and what the bakes take.
 
-    cargo build --release -p bake-brdf
+    cargo build --release -p bake-brdf && pip install "./crates/python[mitsuba]"
     python3 tools/plan_honesty.py                             # prints the table, under a minute on two idle cores
     python3 tools/plan_honesty.py --document docs/EFFECTS.md  # and writes it into the page
     python3 tools/plan_honesty.py --recipes tools/plan_recipes.json   # recipes of a list, each with its own arguments
 
-Predicted are the seconds of `bake-brdf plan --scene`; measured those of the command `bake-brdf --scene` by the clock, its start included, as
-the median of --repeats. A list of recipes is JSON: objects of a `name`, a `recipe` and `args`, which go before --accuracy and --incident-deg.
-Exit code 3 if a scene that bakes something is off by more than a factor of 1.5. Other work on the machine makes
+Predicted are the seconds of `bake-brdf plan`; measured those of the command `bake-brdf` by the clock, its start included, as the median of
+--repeats. A list of recipes is JSON: objects of a `name`, a `recipe` and `args`, which go before --accuracy and --incident-deg.
+Exit code 3 if one is off by more than a factor of 1.5. Other work on the machine makes
 it fail: `--cpu` compares processor seconds instead (with `--threads 1`), which other work changes less.
 """
 import argparse
@@ -19,6 +19,8 @@ import subprocess
 import sys
 import tempfile
 import time
+
+import nacre
 
 from measured import processor_seconds, write_table
 
@@ -36,22 +38,25 @@ def timed(command, clock):
     return json.loads(done.stdout), seconds
 
 
-def scenes(terms):
-    """(name, terms of the plan, terms of a bake into a folder) of every scene in data/scenes."""
+def scenes():
+    """The tables of every scene in data/scenes, as a list of recipes."""
     for name in json.loads((ROOT / "data" / "scenes" / "plans.json").read_text()):
-        asked = ["--scene", ROOT / "data" / "scenes" / f"{name}.xml", *terms]
-        yield name, asked, lambda folder, asked=asked: [*asked, "-o", folder]
+        plan = nacre.plan(ROOT / "data" / "scenes" / f"{name}.xml")
+        for number, table in enumerate(plan["tables"]):
+            pearl = next(pearl for pearl in plan["pearls"] if pearl["table"] == number)
+            effects = ",".join(effect for effect in table["effects"] if effect != "texture")
+            one = name if len(plan["tables"]) == 1 else f"{name}, {pearl['id']}"
+            yield {"name": one, "recipe": pearl["recipe"], "args": ["--solver", "auto", "--effects", effects]}
 
 
-def recipes(listed, terms, scratch):
-    """The same of every recipe in a list."""
-    for number, entry in enumerate(json.loads(listed.read_text())):
+def bakes(entries, terms, scratch):
+    """Name and arguments of each of a list of recipes."""
+    for number, entry in enumerate(entries):
         path = pathlib.Path(scratch) / f"{number}.json"
         path.write_text(json.dumps({"schema": "pearl-recipe/1", **entry["recipe"]}))
         own = set(entry["args"][::2])
         rest = [term for pair in zip(terms[::2], terms[1::2]) if pair[0] not in own for term in pair]
-        asked = [path, *entry["args"], *rest]
-        yield entry["name"], asked, lambda folder, asked=asked: [*asked, "-o", pathlib.Path(folder) / "pearl.exr"]
+        yield entry["name"], [path, *entry["args"], *rest]
 
 
 def main():
@@ -72,17 +77,15 @@ def main():
     what = "recipe" if o.recipes else "scene"
     lines, honest = [f"| {what} | solver | predicted, s | measured, s | predicted/measured |", "|---|---|---|---|---|"], True
     scratch = tempfile.TemporaryDirectory()
-    for name, asked, into in recipes(o.recipes, terms, scratch.name) if o.recipes else scenes(terms):
+    entries = json.loads(o.recipes.read_text()) if o.recipes else scenes()
+    for name, asked in bakes(entries, terms, scratch.name):
         plan, _ = timed([o.bin, "plan", *asked, "--json", "-q"], clock)
-        measured = []
-        for _ in range(o.repeats):
-            with tempfile.TemporaryDirectory() as folder:
-                measured.append(timed([o.bin, *into(folder), "--json", "-q"], clock)[1])
+        output = ["-o", pathlib.Path(scratch.name) / "pearl.exr"]
+        measured = [timed([o.bin, *asked, *output, "--json", "-q"], clock)[1] for _ in range(o.repeats)]
         predicted, seconds = plan["seconds"], statistics.median(measured)
-        solvers = ", ".join(table["solver"] for table in plan["tables"]) or "–"
-        ratio = f"{predicted / seconds:.2f}" if plan["tables"] else "nothing to bake"
-        honest &= not plan["tables"] or 1 / FACTOR <= predicted / seconds <= FACTOR
-        lines.append(f"| {name} | {solvers} | {predicted:.3f} | {seconds:.3f} | {ratio} |")
+        [table] = plan["tables"]
+        honest &= 1 / FACTOR <= predicted / seconds <= FACTOR
+        lines.append(f"| {name} | {table['solver']} | {predicted:.3f} | {seconds:.3f} | {predicted / seconds:.2f} |")
         print(lines[-1], file=sys.stderr, flush=True)
     print("\n".join(lines))
     if o.document:

@@ -9,6 +9,7 @@ import sys
 import pytest
 
 distributed = pytest.importorskip("distributed")
+import nacre  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
@@ -16,6 +17,7 @@ DRIVER = ROOT / "tools" / "dask" / "bake.py"
 SLURM = ROOT / "tools" / "slurm"
 RECIPE = '{"stack":{"layers":40}}'
 FURTHER = ["--incident-deg", "0,40,80", "--seed", "11"]
+OPTIONS = ["--", "incident_deg=[0,40,80]", "seed=11"]
 
 
 @pytest.fixture
@@ -33,7 +35,7 @@ def single(folder, recipe, paths):
 
 
 def driver(*args):
-    command = [sys.executable, DRIVER, "--bin", BIN, *args]
+    command = [sys.executable, DRIVER, *args]
     return subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -46,7 +48,7 @@ def test_a_worker_killed_in_the_middle_costs_no_bit(tmp_path, recipe):
         distributed.Client(cluster) as client,
     ):
         victims = client.run(os.getpid)
-        bake = driver(recipe, "--paths", paths, "--shards", 30, "-o", output, "--scheduler", cluster.scheduler_address, "--", *FURTHER)
+        bake = driver(recipe, "--paths", paths, "--shards", 30, "-o", output, "--scheduler", cluster.scheduler_address, *OPTIONS)
         # Both workers walk when the first tenth of the shards is done.
         first = bake.stderr.readline()
         assert "/30 shards" in first, first + bake.stderr.read()
@@ -64,7 +66,7 @@ def test_a_sweep_makes_a_table_a_recipe_on_the_embedded_cluster(tmp_path, recipe
     other = tmp_path / "other.json"
     other.write_text('{"stack":{"layers":10},"name":"other"}')
     paths = 100_000
-    bake = driver(recipe, other, "--paths", paths, "--shards", 3, "-o", tmp_path / "tables", "--workers", 2, "-q", "--", *FURTHER)
+    bake = driver(recipe, other, "--paths", paths, "--shards", 3, "-o", tmp_path / "tables", "--workers", 2, "-q", *OPTIONS)
     stdout, stderr = bake.communicate(timeout=120)
     assert bake.returncode == 0, stderr
     assert sorted(stdout.split()) == [str(tmp_path / "tables" / f"{name}.exr") for name in ("other", "recipe")]
@@ -72,22 +74,38 @@ def test_a_sweep_makes_a_table_a_recipe_on_the_embedded_cluster(tmp_path, recipe
         assert (tmp_path / "tables" / f"{path.stem}.exr").read_bytes() == single(tmp_path, path, paths)
 
 
-def test_shards_of_another_recipe_of_the_sweep_are_refused(tmp_path, recipe):
+def test_shards_of_another_recipe_of_the_sweep_are_refused(monkeypatch, recipe):
     """All shards of two recipes change places on their way: each table would be whole, and the other's."""
-    other = tmp_path / "other.json"
-    other.write_text('{"stack":{"layers":10}}')
-    right, swapped = "shards[which][index] = content", "shards[1 - which][index] = content"
-    source = DRIVER.read_text()
-    assert source.count(right) == source.count("len(shards[which]) == count") == 1
-    # Merged when all are there.
-    source = source.replace(right, swapped).replace("len(shards[which]) == count", "len(shards[0]) == len(shards[1]) == count")
-    (tmp_path / "swapping.py").write_text(source)
-    tables = tmp_path / "tables"
-    command = [sys.executable, tmp_path / "swapping.py", "--bin", BIN, recipe, other, "--paths", "50000", "--shards", "2", "-o", tables, "--workers", "1", "-q", "--", *FURTHER]
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=120)
-    assert done.returncode == 1, done.stdout + done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1 and "belongs to another bake" in done.stderr, done.stderr
-    assert not list(tables.iterdir()) and not done.stdout
+    sys.path.insert(0, str(DRIVER.parent))
+    import bake as dask_bake
+
+    sweep = {"one": {"stack": {"layers": 10}}, "other": {"stack": {"layers": 12}}}
+    walked = dask_bake.walk
+    swapped = lambda content, *rest: walked({"stack": {"layers": 22 - content["stack"]["layers"]}}, *rest)  # noqa: E731
+    with distributed.Client(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as client:
+        tables = dict(dask_bake.bake(client, sweep, paths=2000, shards=2, incident_deg=[0, 40]))
+        assert [table.meta["recipe"]["stack"]["layers"] for _, table in sorted(tables.items())] == [10, 12]
+        monkeypatch.setattr(dask_bake, "walk", swapped)
+        with pytest.raises(RuntimeError, match="the shards are those of another recipe"):
+            list(dask_bake.bake(client, sweep, paths=2000, shards=2, incident_deg=[0, 40]))
+
+
+def test_shards_that_make_no_bake_are_refused(recipe):
+    walk = lambda index, count=2, **options: nacre.walk_shard(recipe, index, count, **{"paths": 2000, "incident_deg": [0], **options})  # noqa: E731
+    first, second = walk(1), walk(2)
+    assert nacre.merge([second, first]) == nacre.bake(recipe, solver="walk", paths=2000, incident_deg=[0])
+    for shards, said in (
+        ([], "no shards"),
+        ([first], "2"),
+        ([first, first], "again"),
+        ([first, walk(2, seed=5)], "another bake"),
+        ([first, second[:-1]], r"shards\[1\]: .*checksum"),
+    ):
+        with pytest.raises(nacre.InputError, match=said):
+            nacre.merge(shards)
+    for wrong in ({"index": 3}, {"index": 0}, {"index": 1, "effects": "body"}, {"index": 1, "paths": 0}, {"index": 1, "threads": 0}):
+        with pytest.raises(nacre.InputError):
+            walk(**wrong)
 
 
 def test_wrong_input_is_one_line_and_exit_2(tmp_path, recipe):
@@ -100,6 +118,8 @@ def test_wrong_input_is_one_line_and_exit_2(tmp_path, recipe):
         ([tmp_path / "absent.json", "--paths", 1000, "-o", kept, "--workers", 1, "-q"], "absent.json"),
         ([recipe, "--paths", 0, "-o", kept], "paths"),
         ([recipe, "-o", kept], "paths"),
+        ([recipe, "--paths", 1000, "-o", kept, "--workers", 1, "-q", "--", "seed"], "'seed' is not NAME=VALUE"),
+        ([recipe, "--paths", 1000, "-o", kept, "--workers", 1, "-q", "--", "azimuth=flat"], "azimuth"),
     ]:
         bake = driver(*args)
         _, stderr = bake.communicate(timeout=120)

@@ -341,7 +341,6 @@ def test_a_device_without_end_is_refused_at_once(sharded, device):
         ("lut", "check", device),
         ("pearl", "furnace", device),
         ("bake-brdf", device, "-o", "never.exr"),
-        ("bake-brdf", "--scene", device, "-o", "never.xml"),
         ("bake-brdf", "--reproduce", device),
         ("bake-brdf", "--paths", 1000, "--resume", "-q"),
     ]:

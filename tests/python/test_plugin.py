@@ -765,7 +765,6 @@ def bad_inputs(folder, tables):
     recipe = folder / "bad.json"
     recipe.write_text('{"stack": {"layers": 0}}')
     return [
-        ({}, r"filename, recipe: both are missing.*bake-brdf"),
         ({**good, "recipe": "akoya"}, r"filename, recipe: both are given"),
         ({"recipe": "akoja"}, r"recipe: .*akoja: there is no such file, and the built-in recipes are akoya"),
         ({"recipe": str(recipe)}, r"recipe: .*bad.json: stack.layers: "),
@@ -793,6 +792,7 @@ def bad_inputs(folder, tables):
         ({**good, "body_color": "red"}, r"body_color: is no colour, spectrum or texture"),
         ({**good, "body_color": {"type": "diffuse"}}, r"body_color: is no colour, spectrum or texture"),
         ({**good, "roughness": 0.1}, r"roughness: no such parameter; expected one of filename, recipe, depth"),
+        ({**good, "body_colour": 0.1}, r"body_colour: no such parameter \(did you mean 'body_color'\?\)"),
     ]
 
 

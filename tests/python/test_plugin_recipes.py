@@ -98,6 +98,45 @@ def test_what_is_baked_follows_controls_components_and_variant(cache, recipe):
     assert nacre.effects("golden", {"variant": "llvm_ad_spectral"})["dispersion"]["on"]
 
 
+LOOKS = [
+    {},
+    {"depth": 0.7, "brightness": 0.0},
+    {"coherence": 1.0, "components": "mirror,blur"},
+    {"components": "mirror"},
+    {"components": "diffuse"},
+    {"depth": 0.5, "coherence": 0.5, "body_color": {"type": "rgb", "value": [0.0, 0.0, 0.0]}},
+]
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory):
+    """A table of all effects."""
+    path = tmp_path_factory.mktemp("everything") / "all.exr"
+    nacre.bake(THIN, solver="auto", effects="all").save(path)
+    return path
+
+
+@pytest.mark.parametrize("look", LOOKS, ids=str)
+def test_what_is_left_out_does_not_show(cache, recipe, everything, look):
+    """The plugin on what is baked for a look is the plugin on a table of every effect: but for rounding where the lobes are the same, but
+    for what reading may miss where one is left out, as rows and cells are placed for what is there."""
+    pruned = pearl(recipe, **look)
+    whole = mi.load_dict({"type": "pearl", "filename": str(everything), **look})
+    assert effects_of(pruned) < effects_of(whole)
+    si = mi.SurfaceInteraction3f()
+    for wi, wo in (([0.6, 0, 0.8], [-0.5, 0.1, 0.86]), ([0, 0, 1], [0.1, 0, 0.995]), ([0.9, 0, 0.436], [-0.89, 0.02, 0.456])):
+        si.wi = wi
+        values = [np.array(bsdf.eval(mi.BSDFContext(), si, wo)).ravel() for bsdf in (pruned, whole)]
+        assert values[1].max() > 0
+        np.testing.assert_allclose(*values, rtol=1e-5 if "blur" in effects_of(pruned) or not pruned.shown[2] else 1e-2)
+
+
+def test_a_pearl_that_names_nothing_is_the_papers(cache):
+    mi.set_variant("scalar_rgb")
+    bsdf = mi.load_dict({"type": "pearl", "brightness": 0.0, "depth": 0.0})
+    assert "recipe paper" in str(bsdf) and effects_of(bsdf) == {"body"}
+
+
 def test_a_control_that_needs_more_bakes_it_then(cache, recipe):
     bsdf = pearl(recipe)
     assert "coherent" not in effects_of(bsdf)

@@ -6,7 +6,6 @@ pub mod options;
 pub mod plan;
 mod prices;
 pub mod recipe;
-pub mod scene;
 pub mod spectra;
 pub mod study;
 pub mod tally;

@@ -1,19 +1,18 @@
 //! The plan of a bake: which effects each pearl calls for, which tables hold them, and what that costs.
 //!
-//! Pearls of one recipe share a table that holds what any of them shows.
+//! Pearls of one recipe that show the same effects share a table.
 
 use crate::bake::{self, BakeError, Bands, Observer, Request};
-use crate::effects::{Decision, Decisions, Effect, EffectError, EffectSet, View};
+use crate::effects::{Decision, Decisions, Effect, EffectError, EffectSet, Setting, View};
 use crate::options::{Options, SolverChoice};
 use crate::prices;
 use crate::recipe::{AzimuthMode, Recipe};
-use crate::scene::Scene;
 use crate::spectra::{self, Wanted};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 /// Why the effects of a pearl that no shape shows are off.
-pub const UNUSED: &str = "no shape shows this pearl";
+const UNUSED: &str = "no shape shows this pearl";
 
 /// What something costs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -29,6 +28,23 @@ impl std::ops::Add for Cost {
     fn add(self, other: Self) -> Self {
         Self { seconds: self.seconds + other.seconds, bytes: self.bytes + other.bytes }
     }
+}
+
+/// A pearl of a scene, as it is looked at.
+#[derive(Clone, Debug)]
+pub struct ScenePearl {
+    /// Its name.
+    pub id: String,
+    /// Where it stands: `file:line`.
+    pub place: String,
+    /// The shapes that show it, each as `type (file:line)`.
+    pub shapes: Vec<String>,
+    /// Whether it is shown; nothing is baked for one that is not.
+    pub used: bool,
+    /// What it is made of, and where that was found.
+    pub recipe: Setting<Recipe>,
+    /// How it is looked at.
+    pub view: View,
 }
 
 /// One pearl's part of a plan.
@@ -98,46 +114,50 @@ impl Plan {
         Self::tabled(vec![(pearl, true)], options)
     }
 
-    /// The plan of a scene.
+    /// The plan of a scene's pearls.
     ///
     /// # Errors
     /// What a bake would refuse.
-    pub fn of_scene(scene: &Scene, options: &Options) -> Result<Self, PlanError> {
-        let pearl = |pearl: &crate::scene::Pearl| {
-            let planned =
-                PlannedPearl::new(pearl.recipe.value.clone(), &pearl.recipe.from, &pearl.view, options)?;
-            let (id, place, shapes) = (pearl.id.clone(), pearl.place.clone(), pearl.shapes.clone());
-            Ok((PlannedPearl { id, place, shapes, ..planned }, pearl.is_used()))
+    pub fn of_pearls(pearls: Vec<ScenePearl>, options: &Options) -> Result<Self, PlanError> {
+        let planned = |pearl: ScenePearl| {
+            let ScenePearl { id, place, shapes, used, recipe, view } = pearl;
+            let planned = PlannedPearl::new(recipe.value, &recipe.from, &view, options)?;
+            Ok((PlannedPearl { id, place, shapes, ..planned }, used))
         };
-        let pearls: Result<Vec<_>, PlanError> = scene.pearls.iter().map(pearl).collect();
+        let pearls: Result<Vec<_>, PlanError> = pearls.into_iter().map(planned).collect();
         Self::tabled(pearls?, options)
     }
 
-    /// Puts pearls of one recipe into one table, and finds the costs.
+    /// Puts pearls of one recipe and one set of effects into one table, and finds the costs.
     fn tabled(pearls: Vec<(PlannedPearl, bool)>, options: &Options) -> Result<Self, PlanError> {
         let mut plan = Self { pearls: Vec::new(), tables: Vec::new() };
         for (mut pearl, used) in pearls {
             if used {
                 let set = pearl.decisions.set();
-                let same = |table: &PlannedTable| table.request.recipe == pearl.recipe;
+                // A texture is the renderer's: no table holds it.
+                let stored = |effects: EffectSet| effects.without(Effect::Texture);
+                let same = |table: &PlannedTable| {
+                    table.request.recipe == pearl.recipe && stored(table.request.effects) == stored(set)
+                };
                 let index = plan.tables.iter().position(same).unwrap_or(plan.tables.len());
-                match plan.tables.get_mut(index) {
-                    Some(table) => table.request.effects = table.request.effects.union(set),
-                    None => plan.tables.push(PlannedTable {
+                if index == plan.tables.len() {
+                    plan.tables.push(PlannedTable {
                         bands: Bands::own(&pearl.recipe),
                         request: Request::of(pearl.recipe.clone(), set, options.clone())
                             .map_err(|why| PlanError { place: String::new(), why })?,
                         solver: SolverChoice::Walk,
                         cost: Cost::default(),
-                    }),
+                    });
                 }
                 pearl.table = Some(index);
             }
             plan.pearls.push(pearl);
         }
         for (index, table) in plan.tables.iter_mut().enumerate() {
-            let mut users = plan.pearls.iter_mut().filter(|pearl| pearl.table == Some(index));
-            let Some(first) = users.next() else { continue };
+            // Each table is paid for once, by the first pearl that shows it.
+            let Some(first) = plan.pearls.iter_mut().find(|pearl| pearl.table == Some(index)) else {
+                continue;
+            };
             let named = |why: BakeError| {
                 let scene = first.place != first.recipe_from;
                 let place =
@@ -148,12 +168,8 @@ impl Plan {
             table.solver = bake::solver(&table.request, &table.bands).map_err(named)?;
             let costs = costs(&table.request, &table.bands, table.solver).map_err(named)?;
             table.cost = costs.iter().copied().fold(Cost::default(), |sum, cost| sum + cost);
-            // Each effect is paid for once, by the first pearl that shows it.
-            let mut left = costs;
-            for pearl in std::iter::once(first).chain(users) {
-                for effect in pearl.decisions.set().iter() {
-                    pearl.costs[effect as usize] = std::mem::take(&mut left[effect as usize]);
-                }
+            for effect in first.decisions.set().iter() {
+                first.costs[effect as usize] = costs[effect as usize];
             }
         }
         Ok(plan)

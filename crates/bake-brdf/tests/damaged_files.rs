@@ -264,18 +264,6 @@ fn seeds(target: &str) -> Vec<Named> {
             ("first", body(&readers::half(1))),
             ("second", body(&readers::half(2))),
         ],
-        "scene" => vec![
-            text("plain", "<scene version=\"3.0.0\"/>"),
-            text(
-                "pearl",
-                "<scene version=\"3.0.0\"><default name=\"d\" value=\"0.5\"/><shape type=\"sphere\">\
-                 <bsdf type=\"pearl\" id=\"a\"><float name=\"depth\" value=\"$d\"/></bsdf></shape></scene>",
-            ),
-            text(
-                "shared",
-                "<scene version=\"3.0.0\"><bsdf type=\"pearl\" id=\"a\"/><shape type=\"sphere\"><ref id=\"a\"/></shape></scene>",
-            ),
-        ],
         other => panic!("{other} has no seeds"),
     }
 }
@@ -401,27 +389,6 @@ fn made_up(target: &str) -> Vec<Named> {
             change(&mut snapshot);
             body(&snapshot)
         }),
-        "scene" => vec![
-            ("nothing", Vec::new()),
-            ("not-utf8", vec![b'<', 0xff, 0xfe, 0x00]),
-            ("deep", b"<a>".repeat(50_000)),
-            text(
-                "doctype",
-                "<!DOCTYPE a [<!ENTITY b \"bbbb\"><!ENTITY c \"&b;&b;&b;\">]><scene version=\"3.0.0\">&c;</scene>",
-            ),
-            text("includes-itself", "<scene version=\"3.0.0\"><include filename=\"scene.xml\"/></scene>"),
-            text("unclosed", "<scene version=\"3.0.0\"><shape type=\"sphere\">"),
-            text(
-                "bad-depth",
-                "<scene version=\"3.0.0\"><shape type=\"sphere\"><bsdf type=\"pearl\"><float name=\"depth\" value=\"deep\"/>\
-                 </bsdf></shape></scene>",
-            ),
-            text(
-                "unknown-parameter",
-                "<scene version=\"3.0.0\"><shape type=\"sphere\"><bsdf type=\"pearl\"><float name=\"glitter\" value=\"1\"/>\
-                 </bsdf></shape></scene>",
-            ),
-        ],
         other => panic!("{other} has no damaged files"),
     }
 }

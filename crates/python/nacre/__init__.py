@@ -24,9 +24,11 @@ from ._nacre import (
     check,
     diff,
     effects,
-    plan,
+    merge,
     recipes,
+    walk_shard,
 )
+from .plans import plan
 
 __all__ = [
     "InputError",
@@ -40,7 +42,9 @@ __all__ = [
     "check",
     "diff",
     "effects",
+    "merge",
     "plan",
     "recipes",
     "thinfilm",
+    "walk_shard",
 ]

@@ -65,6 +65,29 @@ def bake(
     bake at once (what doubling has begun goes on in the background to its end); so does an exception in `progress`.
     """
 
+def walk_shard(
+    recipe: _Recipe,
+    index: int,
+    count: int,
+    *,
+    paths: int,
+    incident_deg: ArrayLike | None = None,
+    cells: tuple[int, int] | None = None,
+    effects: str | Sequence[str] | None = None,
+    azimuth: str | None = None,
+    seed: int = 1,
+    look: dict[str, Any] | None = None,
+    threads: int | None = None,
+) -> bytes:
+    """Walks share `index` (from 1) of `count` of the paths of a bake, anywhere and in any order, and gives what `merge` makes a table of.
+
+    The arguments are those of `bake`, with paths per incidence of the whole bake; stops on Ctrl-C.
+    """
+
+def merge(shards: Sequence[bytes]) -> Table:
+    """The table of all shards of one bake, in any order: the bytes of a bake in one piece. Raises `InputError` where one is missing,
+    damaged, twice there or of another bake."""
+
 @final
 class Table:
     """A table of the lobe over angles of incidence and exit cells, of a file: f·cos θo by component, with errors and metadata."""
@@ -148,8 +171,9 @@ def effects(recipe: _Recipe, look: dict[str, Any] | None = None) -> dict[str, di
     `variant` (a variant of Mitsuba, or mono, rgb, spectral, polarised), `texture` (a name for what varies over the surface).
     """
 
-def plan(recipe: _Recipe) -> dict[str, Any]:
-    """Which effects a recipe's look calls for, why, and what they cost: what `bake-brdf plan --json` prints."""
+def plan_pearls(
+    pearls: Sequence[dict[str, Any]], *, solver: str | None = None, accuracy: float | None = None, why_not: bool = False
+) -> dict[str, Any]: ...
 
 _Reals: TypeAlias = tuple[_Real, _Real]
 _Complexes: TypeAlias = tuple[_Complex, _Complex]

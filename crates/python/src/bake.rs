@@ -4,14 +4,18 @@ use crate::convert::{names, row};
 use crate::errors::{failure, field, input, of_bake};
 use crate::recipe::Recipe;
 use crate::table::Table;
+use bake_brdf::bake::snapshot::{self, Snapshot};
 use bake_brdf::bake::{
-    BakeError, Observer, Progress, Request, bake as solve, can_be_reciprocal, reciprocal as symmetrised,
+    BakeError, Observer, Progress, Request, Shard, bake as solve, can_be_reciprocal,
+    reciprocal as symmetrised,
 };
 use bake_brdf::effects::{Effects, View};
 use bake_brdf::options::{Options, Sides, SolverChoice, Target};
 use bake_brdf::recipe::AzimuthMode;
 use pyo3::prelude::*;
-use pyo3::types::{PyAny, PyDict};
+use pyo3::pybacked::PyBackedBytes;
+use pyo3::types::{PyAny, PyBytes, PyDict};
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -19,30 +23,27 @@ use std::time::{Duration, Instant};
 /// Between two looks at signals.
 const TICK: Duration = Duration::from_millis(50);
 
-/// What the thread that bakes and the one that waits for it share.
-#[derive(Default)]
-struct Shared {
+/// What the thread that works and the one that waits for it share.
+struct Shared<T> {
     stop: AtomicBool,
     /// Share of the walk that is done, as the bits of an f64.
     done: AtomicU64,
-    outcome: Mutex<Outcome>,
+    outcome: Mutex<Outcome<T>>,
     ended: Condvar,
 }
 
-/// What a bake came to.
-#[derive(Default)]
-enum Outcome {
-    #[default]
+/// What the work came to.
+enum Outcome<T> {
     Open,
-    Ended(Box<Result<lut_io::Table, BakeError>>),
+    Ended(Box<Result<T, BakeError>>),
     /// The thread is gone without a result: a fault of ours.
     Lost,
 }
 
 /// Says that a thread has ended, however it did.
-struct Ending(Arc<Shared>);
+struct Ending<T>(Arc<Shared<T>>);
 
-impl Drop for Ending {
+impl<T> Drop for Ending<T> {
     fn drop(&mut self) {
         let mut outcome = self.0.outcome.lock().unwrap_or_else(PoisonError::into_inner);
         if matches!(*outcome, Outcome::Open) {
@@ -76,6 +77,77 @@ pub(crate) fn bake(
     threads: Option<usize>,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Table> {
+    let options = Options {
+        target: target(accuracy, paths, time_budget)?,
+        solver: solver.map(parse_solver).transpose()?,
+        sides: if both_sides { Sides::Both } else { Sides::Above },
+        ..options(incident_deg, cells, effects, azimuth, seed)?
+    };
+    let job = Job::new(recipe, look, options, threads)?;
+    let table = watched(py, progress, move |observer| {
+        job.run(|request| {
+            if reciprocal {
+                // Before anything is solved.
+                can_be_reciprocal(&request.bands()?)?;
+            }
+            let table = solve(request, observer)?;
+            if reciprocal { symmetrised(&table) } else { Ok(table) }
+        })
+    });
+    Ok(Table::from(table?))
+}
+
+/// Walks one share of a bake's paths.
+#[pyfunction]
+#[pyo3(signature = (
+    recipe, index, count, *, paths, incident_deg=None, cells=None, effects=None, azimuth=None, seed=1, look=None, threads=None
+))]
+pub(crate) fn walk_shard<'py>(
+    py: Python<'py>,
+    recipe: &Bound<'_, PyAny>,
+    index: u32,
+    count: u32,
+    paths: u64,
+    incident_deg: Option<&Bound<'_, PyAny>>,
+    cells: Option<[usize; 2]>,
+    effects: Option<&Bound<'_, PyAny>>,
+    azimuth: Option<&str>,
+    seed: u64,
+    look: Option<&Bound<'_, PyDict>>,
+    threads: Option<usize>,
+) -> PyResult<Bound<'py, PyBytes>> {
+    let target = Target::Paths(paths);
+    let options = Options { target, ..options(incident_deg, cells, effects, azimuth, seed)? };
+    let job = Job::new(recipe, look, options, threads)?;
+    let shard = watched(py, None, move |observer| {
+        job.run(|request| snapshot::walk_shard(request, Shard { index, count }, observer))
+    });
+    Ok(PyBytes::new(py, &shard?.encode().map_err(failure)?))
+}
+
+/// The table of all shards of one bake.
+#[pyfunction]
+pub(crate) fn merge(py: Python<'_>, shards: Vec<PyBackedBytes>) -> PyResult<Table> {
+    let table = py.detach(|| {
+        let decoded = shards.iter().enumerate().map(|(at, bytes)| {
+            let name = format!("shards[{at}]");
+            let snapshot = Snapshot::decode(bytes).map_err(|why| format!("{name}: {why}"))?;
+            Ok((name, snapshot))
+        });
+        let decoded = decoded.collect::<Result<Vec<_>, String>>()?;
+        snapshot::merge(&decoded).map_err(|why| why.to_string())
+    });
+    Ok(Table::from(table.map_err(input)?))
+}
+
+/// What bakes and shards of bakes are told alike.
+fn options(
+    incident_deg: Option<&Bound<'_, PyAny>>,
+    cells: Option<[usize; 2]>,
+    effects: Option<&Bound<'_, PyAny>>,
+    azimuth: Option<&str>,
+    seed: u64,
+) -> PyResult<Options> {
     let (effects, listed_azimuth) = parse_effects(effects)?;
     let azimuth = azimuth.map(parse_azimuth).transpose()?;
     if let (Some(given), Some(listed)) = (azimuth, listed_azimuth)
@@ -83,63 +155,84 @@ pub(crate) fn bake(
     {
         return Err(field("effects", "its azimuth is not that of azimuth; give one of the two"));
     }
-    let options = Options {
+    Ok(Options {
         effects,
         azimuth: azimuth.or(listed_azimuth),
         incident_deg: incident_deg.map(|angles| row("incident_deg", angles)).transpose()?,
         cells,
-        target: target(accuracy, paths, time_budget)?,
-        solver: solver.map(parse_solver).transpose()?,
         seed,
-        sides: if both_sides { Sides::Both } else { Sides::Above },
         ..Options::default()
-    };
-    let recipe = Recipe::of(recipe)?.inner;
-    let view = crate::look::view(&recipe, look)?;
-    if threads == Some(0) {
-        return Err(field("threads", "0 threads bake nothing, expected at least 1"));
+    })
+}
+
+/// A recipe with its options, and the threads that work.
+struct Job {
+    recipe: bake_brdf::recipe::Recipe,
+    view: View,
+    options: Options,
+    pool: Option<rayon::ThreadPool>,
+}
+
+impl Job {
+    fn new(
+        recipe: &Bound<'_, PyAny>,
+        look: Option<&Bound<'_, PyDict>>,
+        options: Options,
+        threads: Option<usize>,
+    ) -> PyResult<Self> {
+        let recipe = Recipe::of(recipe)?.inner;
+        let view = crate::look::view(&recipe, look, &HashMap::new())?;
+        if threads == Some(0) {
+            return Err(field("threads", "0 threads bake nothing, expected at least 1"));
+        }
+        let pool = threads.map(|count| rayon::ThreadPoolBuilder::new().num_threads(count).build());
+        Ok(Self { recipe, view, options, pool: pool.transpose().map_err(failure)? })
     }
-    let pool = threads.map(|count| rayon::ThreadPoolBuilder::new().num_threads(count).build());
-    let pool = pool.transpose().map_err(failure)?;
-    let shared = Arc::new(Shared::default());
-    let ending = Ending(Arc::clone(&shared));
-    // A thread of its own, so that this one can look at signals; it ends by itself where nobody waits for it any more.
-    std::thread::spawn(move || {
-        let shared = &ending.0;
-        let work = || whole(recipe, &view, options, reciprocal, shared);
-        let result = match &pool {
+
+    fn run<T: Send>(
+        self,
+        work: impl FnOnce(&Request) -> Result<T, BakeError> + Send,
+    ) -> Result<T, BakeError> {
+        let Self { recipe, view, options, pool } = self;
+        let work = || {
+            let (recipe, decisions) = options.decide(recipe, &view)?;
+            work(&Request::of(recipe, decisions.set(), options)?)
+        };
+        match &pool {
             Some(pool) => pool.install(work),
             None => work(),
+        }
+    }
+}
+
+/// Works on a thread of its own, so that this one can look at signals and call `progress`; the thread ends by itself where nobody waits
+/// for it any more.
+pub(crate) fn watched<T: Send + 'static>(
+    py: Python<'_>,
+    progress: Option<&Bound<'_, PyAny>>,
+    work: impl FnOnce(&Observer<'_>) -> Result<T, BakeError> + Send + 'static,
+) -> PyResult<T> {
+    let shared = Arc::new(Shared {
+        stop: AtomicBool::new(false),
+        done: AtomicU64::default(),
+        outcome: Mutex::new(Outcome::Open),
+        ended: Condvar::new(),
+    });
+    let ending = Ending(Arc::clone(&shared));
+    std::thread::spawn(move || {
+        let shared = &ending.0;
+        let share = |progress: &Progress<'_>| {
+            let share = progress.crossings() as f64 / progress.expected_crossings;
+            shared.done.store(share.clamp(0.0, 1.0).to_bits(), Ordering::Relaxed);
         };
+        let result = work(&Observer { stop: &shared.stop, progress: &share, ..Observer::idle() });
         *shared.outcome.lock().unwrap_or_else(PoisonError::into_inner) = Outcome::Ended(Box::new(result));
     });
-    Ok(Table::from(wait(py, &shared, progress)?))
+    wait(py, &shared, progress)
 }
 
-/// From a recipe to a table.
-fn whole(
-    recipe: bake_brdf::recipe::Recipe,
-    view: &View,
-    options: Options,
-    reciprocal: bool,
-    shared: &Shared,
-) -> Result<lut_io::Table, BakeError> {
-    let (recipe, decisions) = options.decide(recipe, view)?;
-    let request = Request::of(recipe, decisions.set(), options)?;
-    if reciprocal {
-        // Before anything is solved.
-        can_be_reciprocal(&request.bands()?)?;
-    }
-    let share = |progress: &Progress<'_>| {
-        let share = progress.crossings() as f64 / progress.expected_crossings;
-        shared.done.store(share.clamp(0.0, 1.0).to_bits(), Ordering::Relaxed);
-    };
-    let table = solve(&request, &Observer { stop: &shared.stop, progress: &share, ..Observer::idle() })?;
-    if reciprocal { symmetrised(&table) } else { Ok(table) }
-}
-
-/// Waits for a bake without the interpreter's lock; takes it to look at signals and to call `progress`.
-fn wait(py: Python<'_>, shared: &Shared, progress: Option<&Bound<'_, PyAny>>) -> PyResult<lut_io::Table> {
+/// Waits for work without the interpreter's lock; takes it to look at signals and to call `progress`.
+fn wait<T: Send>(py: Python<'_>, shared: &Shared<T>, progress: Option<&Bound<'_, PyAny>>) -> PyResult<T> {
     let started = Instant::now();
     let mut told = None;
     let mut tell = |share: f64| match progress {
@@ -155,13 +248,13 @@ fn wait(py: Python<'_>, shared: &Shared, progress: Option<&Bound<'_, PyAny>>) ->
             let waited =
                 shared.ended.wait_timeout_while(open, TICK, |outcome| matches!(outcome, Outcome::Open));
             let (mut outcome, _) = waited.unwrap_or_else(PoisonError::into_inner);
-            std::mem::take(&mut *outcome)
+            std::mem::replace(&mut *outcome, Outcome::Open)
         });
         match outcome {
             Outcome::Ended(result) => {
-                let table = result.map_err(|why| of_bake(&why))?;
+                let result = result.map_err(|why| of_bake(&why))?;
                 tell(1.0)?;
-                return Ok(table);
+                return Ok(result);
             }
             Outcome::Lost => return Err(failure("the bake ended without a result")),
             Outcome::Open => {
@@ -193,7 +286,7 @@ fn target(accuracy: Option<f64>, paths: Option<u64>, time_budget: Option<f64>) -
     }
 }
 
-fn parse_solver(name: &str) -> PyResult<SolverChoice> {
+pub(crate) fn parse_solver(name: &str) -> PyResult<SolverChoice> {
     let all = [SolverChoice::Walk, SolverChoice::Doubling, SolverChoice::Auto];
     let unknown = || field("solver", format_args!("{name:?} is not one of walk, doubling, auto"));
     all.into_iter().find(|solver| solver.name() == name).ok_or_else(unknown)

@@ -12,18 +12,19 @@ mod pearl;
 mod recipe;
 mod table;
 mod thinfilm;
+mod why_not;
 
 /// The extension module.
 #[pyo3::pymodule]
 mod _nacre {
     #[pymodule_export]
-    use crate::bake::bake;
+    use crate::bake::{bake, merge, walk_shard};
     #[pymodule_export]
     use crate::errors::InputError;
     #[pymodule_export]
     use crate::look::effects;
     #[pymodule_export]
-    use crate::ops::{arrays, check, diff, plan};
+    use crate::ops::{arrays, check, diff, plan_pearls};
     #[pymodule_export]
     use crate::pearl::Pearl;
     #[pymodule_export]

@@ -1,15 +1,20 @@
 //! What is done with tables, and plans.
 
+use crate::bake::{parse_solver, watched};
 use crate::convert::{array, to_python};
 use crate::errors::{field, input};
+use crate::look::{RECIPE, view};
 use crate::pearl::table_of;
 use crate::recipe::Recipe;
-use bake_brdf::bake::implied;
-use bake_brdf::options::Options;
-use bake_brdf::plan::Plan;
+use crate::why_not;
+use bake_brdf::bake::{BakeError, implied};
+use bake_brdf::effects::Setting;
+use bake_brdf::options::{Options, Target};
+use bake_brdf::plan::{Plan, PlanError, ScenePearl};
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
 use serde_json::json;
+use std::collections::HashMap;
 
 /// All that an evaluation reads, by name (docs/ARRAYS.md): single numbers and f32 arrays.
 #[pyfunction]
@@ -61,13 +66,50 @@ pub(crate) fn check<'py>(py: Python<'py>, table: &Bound<'py, PyAny>) -> PyResult
     to_python(py, &json!({ "pass": pass, "checks": findings, "recipe_not_read": no_recipe }))
 }
 
-/// Which effects a recipe's look calls for, why, and what they cost: what `bake-brdf plan --json` prints.
+/// A pearl to be planned.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Planned<'py> {
+    id: String,
+    place: String,
+    shapes: Vec<String>,
+    used: bool,
+    recipe: Recipe,
+    look: Bound<'py, PyDict>,
+    places: HashMap<String, String>,
+}
+
+/// Which effects pearls call for, why, and what the tables that hold them cost.
 #[pyfunction]
-pub(crate) fn plan<'py>(py: Python<'py>, recipe: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-    let recipe = Recipe::of(recipe)?.inner;
-    let plan = py.detach(|| {
-        let name = recipe.name.clone();
-        Plan::of_recipe(recipe, &name, &Options::default())
+#[pyo3(signature = (pearls, *, solver=None, accuracy=None, why_not=false))]
+pub(crate) fn plan_pearls<'py>(
+    py: Python<'py>,
+    pearls: Vec<Planned<'py>>,
+    solver: Option<&str>,
+    accuracy: Option<f64>,
+    why_not: bool,
+) -> PyResult<Bound<'py, PyAny>> {
+    let default = Options::default();
+    let options = Options {
+        solver: solver.map(parse_solver).transpose()?,
+        target: accuracy.map_or(default.target, Target::AccuracyPercent),
+        ..default
+    };
+    let pearl = |pearl: Planned<'_>| {
+        let Planned { id, place, shapes, used, recipe, look, places } = pearl;
+        let view = view(&recipe.inner, Some(&look), &places)?;
+        let from = places.get(RECIPE).unwrap_or(&place).clone();
+        Ok(ScenePearl { id, place, shapes, used, recipe: Setting::new(recipe.inner, from), view })
+    };
+    let pearls = pearls.into_iter().map(pearl).collect::<PyResult<Vec<_>>>()?;
+    let report = watched(py, None, move |observer| {
+        let plan = Plan::of_pearls(pearls, &options)
+            .map_err(|PlanError { place, why }| BakeError::Input(format!("{place}{why}")))?;
+        let mut report = plan.report();
+        if why_not {
+            report["why_not"] = why_not::report(&plan, observer)?;
+        }
+        Ok(report)
     });
-    to_python(py, &plan.map_err(input)?.report())
+    to_python(py, &report?)
 }

@@ -121,11 +121,19 @@ impl Snapshot {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), SnapshotError> {
+        Ok(lut_io::atomic::write(path, &self.encode()?)?)
+    }
+
+    /// The bytes of its file.
+    ///
+    /// # Errors
+    /// None that is known.
+    pub fn encode(&self) -> Result<Vec<u8>, SnapshotError> {
         let body = postcard::to_stdvec(self).map_err(|why| SnapshotError::Damaged(why.to_string()))?;
         let mut bytes = MAGIC.to_vec();
         bytes.extend(crc32fast::hash(&body).to_le_bytes());
         bytes.extend(body);
-        Ok(lut_io::atomic::write(path, &bytes)?)
+        Ok(bytes)
     }
 
     /// Reads a snapshot.

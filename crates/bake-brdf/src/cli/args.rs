@@ -1,11 +1,10 @@
-//! Arguments that several commands share: the recipe, the options of a bake, the scene.
+//! Arguments that several commands share: the recipe, the options of a bake.
 
 use bake_brdf::effects::Effects;
 use bake_brdf::options::{DEFAULT_EVENT_CAP, Options, SolverChoice, Target};
 use bake_brdf::recipe::{self, AzimuthMode, Recipe};
-use bake_brdf::scene::{Scene, Variant};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 use terminal::Stop;
 use transport::walk::lanes::Precision;
@@ -134,35 +133,6 @@ pub(crate) fn recipe(path: Option<&Path>) -> Result<(Recipe, String), Stop> {
     let recipe =
         Recipe::from_json(&text).map_err(|why| Stop::BadInput(format!("{}: {why}", path.display())))?;
     Ok((recipe, path.display().to_string()))
-}
-
-/// The scene that says what is needed.
-#[derive(clap::Args, Clone, Debug)]
-pub(crate) struct SceneArgs {
-    /// Mitsuba scene (XML) whose pearls are meant.
-    #[arg(long, value_name = "SCENE")]
-    pub(crate) scene: Option<PathBuf>,
-    /// Variant that the scene is rendered with: mono, rgb, spectral, polarised, or a variant of Mitsuba [default: what the
-    /// scene hints at, else rgb].
-    #[arg(long, value_name = "VARIANT", requires = "scene")]
-    variant: Option<String>,
-    /// Value of the scene's $NAME, before its own default; may be given again for other names.
-    #[arg(short = 'D', long = "define", value_name = "NAME=VALUE", requires = "scene")]
-    define: Vec<String>,
-}
-
-impl SceneArgs {
-    /// Reads a scene.
-    pub(crate) fn read(&self, path: &Path) -> Result<Scene, Stop> {
-        let variant = self.variant.as_deref().map(|name| Variant::parse(name, "--variant")).transpose();
-        let variant = variant.map_err(|why| Stop::BadInput(format!("--variant: {why}")))?;
-        let defaults = self.define.iter().map(|pair| match pair.split_once('=') {
-            Some((name, value)) if !name.is_empty() => Ok((name.to_owned(), value.to_owned())),
-            _ => Err(Stop::BadInput(format!("--define: {pair:?} is not NAME=VALUE"))),
-        });
-        let defaults: Vec<(String, String)> = defaults.collect::<Result<_, _>>()?;
-        Scene::read_with(path, variant, &defaults).map_err(Stop::bad_input)
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! `bake-brdf bake` of one recipe.
 
-use super::args::{self, OptionsArgs, SceneArgs};
+use super::args::{self, OptionsArgs};
 use super::checkpoint::{Checkpoints, Keeper};
 use super::errors::refuse;
 use super::progress::{seconds_text, watched};
@@ -20,44 +20,40 @@ use terminal::{Manners, Outcome, Stop};
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct BakeArgs {
     /// Recipe: a file (JSON, - for stdin) or the name of a built-in one, such as akoya [default: the paper's pearl].
-    #[arg(conflicts_with = "scene")]
     recipe: Option<PathBuf>,
-    /// Table to write [default: pearl.exr; with --shard: pearl-I-of-N.shard]. With --scene: the copy of the scene that points
-    /// at the tables [default: SCENE-baked.xml], or the folder for both; tables lie beside the copy.
+    /// Table to write [default: pearl.exr; with --shard: pearl-I-of-N.shard].
     #[arg(short, long, value_name = "FILE")]
-    pub(super) output: Option<PathBuf>,
+    output: Option<PathBuf>,
     #[command(flatten)]
-    pub(super) scene: SceneArgs,
-    #[command(flatten)]
-    pub(super) options: OptionsArgs,
+    options: OptionsArgs,
     /// Keep a checkpoint beside the output (OUTPUT.checkpoint) from the start; without this flag, only when the bake is
     /// expected to take more than a minute. It is removed when the table is written.
-    #[arg(long, conflicts_with_all = ["shard", "scene"])]
+    #[arg(long, conflicts_with = "shard")]
     checkpoint: bool,
     /// Least time between two checkpoints: what a SIGKILL can cost.
     #[arg(long, value_name = "SECONDS", default_value_t = Checkpoints::EVERY_SECONDS, conflicts_with = "shard")]
     checkpoint_every: f64,
     /// Go on from the checkpoint beside the output; start afresh where there is none.
-    #[arg(long, conflicts_with_all = ["shard", "scene"])]
+    #[arg(long, conflicts_with = "shard")]
     resume: bool,
     /// Walk one share of the paths and write its state; `lut merge` makes the table of all shares.
-    #[arg(long, value_name = "I/N", requires = "paths", conflicts_with = "scene")]
+    #[arg(long, value_name = "I/N", requires = "paths")]
     shard: Option<String>,
     /// Also store what passes and what becomes of light from below, so that the body under the nacre can be changed without
     /// baking again; solved by doubling.
-    #[arg(long, conflicts_with_all = ["paths", "time_budget", "shard", "resume", "scene"])]
+    #[arg(long, conflicts_with_all = ["paths", "time_budget", "shard", "resume"])]
     both_sides: bool,
     /// Make the table reciprocal: f(a → b) = f(b → a) at any pair of directions, every albedo kept. Decay tables get one azimuth
     /// width for all incidences.
-    #[arg(long, conflicts_with_all = ["shard", "both_sides", "scene"])]
+    #[arg(long, conflicts_with_all = ["shard", "both_sides"])]
     reciprocal: bool,
     /// Say what the bake would cost and write nothing.
     #[arg(long)]
-    pub(super) dry_run: bool,
+    dry_run: bool,
     /// Bake a table again from its own metadata and compare every bit; exit 3 if one differs. Writes nothing.
     #[arg(long, value_name = "FILE", conflicts_with_all = [
         "recipe", "output", "solver", "target", "seed", "azimuth", "effects", "incident_deg", "cells", "event_cap", "precision",
-        "checkpoint", "checkpoint_every", "resume", "shard", "dry_run", "scene", "both_sides", "reciprocal",
+        "checkpoint", "checkpoint_every", "resume", "shard", "dry_run", "both_sides", "reciprocal",
     ])]
     pub(super) reproduce: Option<PathBuf>,
 }
@@ -145,7 +141,7 @@ fn choose(request: &Request, bands: &Bands, manners: &Manners) -> Result<SolverC
 }
 
 /// Solves a request and writes the table; the checkpoint of a walk lies beside `output` until that is done.
-pub(super) fn bake_to(
+fn bake_to(
     request: &Request,
     bands: &Bands,
     solver: SolverChoice,
@@ -199,7 +195,7 @@ fn parse_shard(text: &str) -> Result<Shard, Stop> {
 }
 
 /// Finds out that the output cannot be written before the work rather than after it.
-pub(super) fn writable(output: &Path) -> Outcome {
+fn writable(output: &Path) -> Outcome {
     let named = |why: String| Stop::failure(format!("{}: cannot be written: {why}", output.display()));
     if output.is_dir() {
         return Err(named("it is a folder; name a file".to_owned()));

@@ -2,7 +2,6 @@
 
 use bake_brdf::bake::BakeError;
 use bake_brdf::options::OptionError;
-use bake_brdf::plan::PlanError;
 use bake_brdf::spectra::SpectraError;
 use terminal::Stop;
 
@@ -18,14 +17,6 @@ pub(crate) fn refuse(error: impl Into<BakeError>) -> Stop {
         | BakeError::Spectra(SpectraError::Required { .. })
         | BakeError::Doubling(_)) => Stop::BadInput(format!("--{error}")),
         error => Stop::bad_input(error),
-    }
-}
-
-/// Why there is no plan.
-pub(crate) fn refuse_plan(error: PlanError) -> Stop {
-    match refuse(error.why) {
-        Stop::BadInput(line) => Stop::BadInput(format!("{}{line}", error.place)),
-        other => other,
     }
 }
 

@@ -7,9 +7,7 @@ mod errors;
 mod plan;
 mod progress;
 mod reproduce;
-mod scene;
 mod study;
-mod why_not;
 
 use clap::{Parser, Subcommand};
 use terminal::{Manners, Outcome};
@@ -26,8 +24,6 @@ use terminal::{Manners, Outcome};
   bake-brdf --dry-run --accuracy 0.1         what would that cost?
   bake-brdf --reproduce pearl.exr            bake it again from its metadata: the same bits?
   bake-brdf plan akoya.json                  which effects it calls for, why, and what they cost
-  bake-brdf plan --scene ring.xml            the same for every pearl of a Mitsuba scene
-  bake-brdf --scene ring.xml -o out          bakes those tables, and a copy of the scene that uses them
   bake-brdf study -o study                   what accuracy costs in time, with a figure
   bake-brdf schema                           the JSON Schema of a recipe")]
 pub(crate) struct Cli {
@@ -43,7 +39,7 @@ pub(crate) struct Cli {
 enum Command {
     /// Bake a table (the default command).
     Bake(bake::BakeArgs),
-    /// Say which effects a scene or a recipe calls for, why, and what each costs.
+    /// Say which effects a recipe calls for, why, and what each costs.
     Plan(plan::PlanArgs),
     /// Measure what accuracy costs in time: study.json, study.csv and a figure.
     Study(study::StudyArgs),
@@ -72,13 +68,10 @@ pub(crate) fn run(cli: Cli) -> Outcome {
     }
 }
 
-/// Bakes a recipe, or what a scene calls for, or a table again.
+/// Bakes a recipe, or a table again.
 fn bake(args: &bake::BakeArgs, manners: &Manners) -> Outcome {
-    if let Some(table) = &args.reproduce {
-        return reproduce::run(table, manners);
-    }
-    match &args.scene.scene {
-        Some(path) => scene::run(args, path, manners),
+    match &args.reproduce {
+        Some(table) => reproduce::run(table, manners),
         None => bake::run(args, manners),
     }
 }

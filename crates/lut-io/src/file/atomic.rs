@@ -93,8 +93,7 @@ pub fn same_file(a: &Path, b: &Path) -> bool {
 }
 
 /// The folder of a file; `.` for a bare name.
-#[must_use]
-pub fn folder_of(path: &Path) -> &Path {
+fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),

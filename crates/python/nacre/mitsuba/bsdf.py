@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 
 from .. import cache
-from .._nacre import InputError, Recipe, recipes
+from .._nacre import InputError
 from . import controls as parameters
 from . import curves, table
 from .colours import LUMINANCE, Palette, chances
@@ -73,41 +73,18 @@ def _numbers(value):
     return numbers if numbers.dtype.kind == "f" else None
 
 
-def _plain_colour(props, name):
-    """A colour that is given as numbers; None for a texture."""
-    kind = mi.Properties.Type
-    plain = props.type(name) in (kind.Color, kind.Float, kind.Integer, kind.Vector)
-    return parameters.colour(name, props[name]) if plain else None
-
-
-def _recipe(source):
-    """A recipe of a built-in name or a file, which is looked for where the scene's other files are."""
-    source = str(source)
-    if source not in recipes():
-        source = str(mi.file_resolver().resolve(source))
-    try:
-        return Recipe(source)
-    except InputError as error:
-        raise PearlError(f"pearl: recipe: {error}") from None
-
-
 def _pearl(base):
     class Pearl(base):
         def __init__(self, props):
             base.__init__(self, props)
-            parameters.check_names(props.keys())
+            parameters.check_names(props)
             self.recipe = None
-            if ("filename" in props) == ("recipe" in props):
-                given = "both are given" if "filename" in props else "both are missing"
-                raise PearlError(
-                    f"pearl: filename, recipe: {given}; expected a table, which `{table.BAKE}` bakes, or a recipe, which is baked now"
-                )
-            if "recipe" in props:
-                self.recipe = _recipe(props["recipe"])
-                self.look = self._look(props)
-                self.table = bake_table(self.recipe, self.look)
-            else:
+            if "filename" in props:
                 self.table = load_table(props["filename"])
+            else:
+                self.recipe = parameters.recipe(props.get("recipe", parameters.RECIPE))
+                self.look = parameters.given_look(props) | {"variant": self.types.variant}
+                self.table = bake_table(self.recipe, self.look)
             controls = parameters.read(props, self.table)
             self.shown = controls.shown
             self._set_body(props)
@@ -118,19 +95,6 @@ def _pearl(base):
             self.coherence, self.tint = number(controls.coherence), types.Color3f(controls.tint)
             self._take()
             self._derive()
-
-        def _look(self, props):
-            """What decides which effects are baked: the recipe's look, what is given in its place, and the variant."""
-            look = {name: parameters.number(name, props[name]) for name in ("depth", "brightness", "coherence") if name in props}
-            if "body_color" in props:
-                look["body_color"] = _plain_colour(props, "body_color")
-            if "components" in props:
-                look["components"] = [
-                    name
-                    for name, show in zip(parameters.COMPONENTS, parameters.components(props["components"]), strict=True)
-                    if show
-                ]
-            return look | {"variant": self.types.variant}
 
         def _take(self):
             """What of the table alone is evaluated."""
@@ -158,7 +122,7 @@ def _pearl(base):
                 self.body_rgb = parameters.body(self.table)
                 self.body = mi.load_dict({"type": "rgb", "value": self.body_rgb})
                 return
-            self.body_rgb = _plain_colour(props, name)
+            self.body_rgb = parameters.plain_colour(props, name)
             try:
                 self.body = props.get_texture(name, 0.5)
             except RuntimeError:
@@ -239,7 +203,9 @@ def _pearl(base):
             for name, value in zip(("depth", "brightness", "coherence"), plain):
                 parameters.number(name, value)
             parameters.colour("tint", plain[3])
-            parameters.check_parts(self.table, plain[0], plain[2])
+            if self.recipe is None:
+                # Of a recipe nothing is missing that would show.
+                parameters.check_parts(self.table, plain[0], plain[2])
             given = self._fresh() if types.jit else plain
             for layer in self.layers:
                 layer.paint(given)

@@ -1,15 +1,20 @@
-"""The parameters of the plugin: what is given, its defaults from the table, and what is refused."""
+"""The parameters of the plugin: what is given, its defaults from the table, and what is refused. Plans of scenes read them here, too."""
 
 from dataclasses import dataclass
+from difflib import get_close_matches
 from numbers import Real
 
+import mitsuba as mi
+
+from .._nacre import InputError, Recipe, recipes
 from .table import BAKE, PearlError
 
 COMPONENTS = ("diffuse", "incoherent", "mirror", "blur")
 PARAMETERS = ("filename", "recipe", "depth", "brightness", "coherence", "body_color", "tint", "components")
 #: The effect of a bake that a control needs, and the part of the section `spectra` that holds it.
 _NEEDS = {"depth": "emission", "coherence": "coherent"}
-
+#: The built-in recipe of a pearl that names neither a table nor a recipe.
+RECIPE = "paper"
 
 _DEFAULT_BODY = (0.8, 0.78, 0.75)
 
@@ -25,11 +30,49 @@ class Controls:
     shown: tuple
 
 
-def check_names(given):
-    """Refuses parameters that the plugin does not have."""
-    for name in given:
+def check_names(props):
+    """Refuses parameters that the plugin does not have, and a table together with a recipe."""
+    for name in props.keys():
         if name not in PARAMETERS:
-            raise PearlError(f"pearl: {name}: no such parameter; expected one of {', '.join(PARAMETERS)}")
+            near = "".join(f" (did you mean {near!r}?)" for near in get_close_matches(name, PARAMETERS, 1, 0.8))
+            raise PearlError(f"pearl: {name}: no such parameter{near}; expected one of {', '.join(PARAMETERS)}")
+    if "filename" in props and "recipe" in props:
+        raise PearlError(
+            f"pearl: filename, recipe: both are given; expected a table, which `{BAKE}` bakes, or a recipe, which is baked now"
+        )
+
+
+def recipe(source):
+    """A recipe of a built-in name or a file, which is looked for where the scene's other files are."""
+    source = str(source)
+    if source not in recipes():
+        source = str(mi.file_resolver().resolve(source))
+    try:
+        return Recipe(source)
+    except InputError as error:
+        raise PearlError(f"pearl: recipe: {error}") from None
+
+
+def given_look(props):
+    """What is given in place of the recipe's look, as `nacre.effects` takes it."""
+    look = {name: number(name, props[name]) for name in ("depth", "brightness", "coherence") if name in props}
+    if "body_color" in props:
+        look["body_color"] = plain_colour(props, "body_color")
+    if "components" in props:
+        look["components"] = [name for name, show in zip(COMPONENTS, components(props["components"]), strict=True) if show]
+    return look
+
+
+def plain_colour(props, name):
+    """A colour that is given as numbers; None for a texture."""
+    kind = mi.Properties.Type
+    plain = props.type(name) in (kind.Color, kind.Float, kind.Integer, kind.Vector)
+    return colour(name, props[name]) if plain else None
+
+
+def tint(props):
+    """The factor of the interference colours; white where none is given."""
+    return colour("tint", props["tint"]) if "tint" in props else [1.0] * 3
 
 
 def number(field, value):
@@ -94,15 +137,13 @@ def read(props, table):
         need = _NEEDS.get(name)
         return 0.0 if need and not table.has(need) else float(defaults.get(name, default))
 
-    controls = Controls(
+    return Controls(
         scalar("depth", 0.5),
         scalar("brightness", 1.0),
         scalar("coherence", 0.5),
-        colour("tint", props["tint"]) if "tint" in props else [1.0] * 3,
+        tint(props),
         components(props.get("components", "all")),
     )
-    check_parts(table, controls.depth, controls.coherence)
-    return controls
 
 
 def missing(table, depth, coherence):

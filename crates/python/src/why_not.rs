@@ -1,18 +1,15 @@
-//! `bake-brdf plan --why-not`: what each effect changes in a picture, and what it costs.
+//! What each effect of a plan changes in a picture, and what it costs.
 //!
 //! The picture is a sphere under one distant light and a white surrounding, without noise: the BSDF is evaluated for the light,
 //! and its directional albedo stands for the surrounding.
 
-use super::errors::refuse;
-use bake_brdf::bake::{self, Observer, Request};
+use bake_brdf::bake::{self, BakeError, Observer, Request};
 use bake_brdf::effects::{self, Effect, EffectSet, View};
-use bake_brdf::options::{Options, SolverChoice};
+use bake_brdf::options::Options;
 use bake_brdf::plan::{self, Cost, Plan, PlannedPearl};
 use lut_io::table::Table;
 use pearl_bsdf::{Components, Controls, PearlBsdf};
 use serde_json::{Value, json};
-use std::fmt::Write as _;
-use terminal::Stop;
 use thinfilm::colour;
 
 /// Pixels along a side of the picture.
@@ -34,30 +31,14 @@ struct Difference {
     cost: Cost,
 }
 
-/// The differences of every pearl that is shown, as JSON and as text.
-pub(super) fn report(plan: &Plan) -> Result<(Value, String), Stop> {
-    let (mut list, mut text) = (Vec::new(), String::new());
+/// The differences of every pearl that is shown.
+pub(crate) fn report(plan: &Plan, observer: &Observer<'_>) -> Result<Value, BakeError> {
+    let mut list = Vec::new();
     for pearl in &plan.pearls {
         let Some(table) = pearl.table.map(|table| &plan.tables[table]) else { continue };
-        let options = &table.request.options;
-        let _ = writeln!(
-            text,
-            "{}: what each effect changes in a picture of a sphere\n  effect           plan  mean ΔE00  relative RMSE  seconds      bytes",
-            pearl.id
-        );
         let mut effects = serde_json::Map::new();
-        for Difference { effect, on, changes, cost } in differences(pearl, options)? {
-            let plan = if on { "on" } else { "off" };
-            let _ = match &changes {
-                Ok((delta_e, rmse)) => writeln!(
-                    text,
-                    "  {:<15}  {plan:<4}  {delta_e:>9.3}  {rmse:>13.2e}  {:>7.3} {:>10}",
-                    effect.name(),
-                    cost.seconds,
-                    cost.bytes
-                ),
-                Err(why) => writeln!(text, "  {:<15}  {plan:<4}  {why}", effect.name()),
-            };
+        for Difference { effect, on, changes, cost } in differences(pearl, &table.request.options, observer)?
+        {
             let entry = json!({
                 "on": on,
                 "delta_e": changes.as_ref().ok().map(|(delta_e, _)| delta_e),
@@ -68,15 +49,18 @@ pub(super) fn report(plan: &Plan) -> Result<(Value, String), Stop> {
             });
             effects.insert(effect.name().to_owned(), entry);
         }
-        text.push('\n');
         list.push(json!({ "id": pearl.id, "effects": effects }));
     }
-    Ok((Value::Array(list), text))
+    Ok(Value::Array(list))
 }
 
-fn differences(pearl: &PlannedPearl, options: &Options) -> Result<Vec<Difference>, Stop> {
+fn differences(
+    pearl: &PlannedPearl,
+    options: &Options,
+    observer: &Observer<'_>,
+) -> Result<Vec<Difference>, BakeError> {
     let planned = pearl.decisions.set();
-    let here = Shown::new(pearl, planned, options)?;
+    let here = Shown::new(pearl, planned, options, observer)?;
     let mut differences = Vec::new();
     for effect in Effect::ALL {
         let on = planned.contains(effect);
@@ -86,7 +70,7 @@ fn differences(pearl: &PlannedPearl, options: &Options) -> Result<Vec<Difference
             differences.push(nothing(why));
             continue;
         }
-        let there = Shown::new(pearl, other, options)?;
+        let there = Shown::new(pearl, other, options, observer)?;
         let (with, less) = if on { (&here, &there) } else { (&there, &here) };
         differences.push(Difference {
             effect,
@@ -119,8 +103,13 @@ fn without(set: EffectSet, effect: Effect) -> EffectSet {
 fn not_shown(effect: Effect, on: bool, pearl: &PlannedPearl) -> Option<String> {
     match effect {
         Effect::Texture => Some("a texture costs no data; the picture has none".to_owned()),
-        Effect::Azimuth if on => Some("the blur has an azimuth always; --azimuth chooses which".to_owned()),
+        Effect::Azimuth if on => Some("the blur has an azimuth always; the recipe chooses which".to_owned()),
         _ if on => None,
+        Effect::Azimuth | Effect::Polarisation | Effect::CoherentSheets
+            if !pearl.decisions.get(Effect::Blur).on =>
+        {
+            Some("it acts on blur alone, which is off".to_owned())
+        }
         _ => effects::available(effect, &pearl.recipe).err(),
     }
 }
@@ -132,23 +121,23 @@ struct Shown {
 }
 
 impl Shown {
-    fn new(pearl: &PlannedPearl, effects: EffectSet, options: &Options) -> Result<Self, Stop> {
+    fn new(
+        pearl: &PlannedPearl,
+        effects: EffectSet,
+        options: &Options,
+        observer: &Observer<'_>,
+    ) -> Result<Self, BakeError> {
         let effects = if effects.contains(Effect::Blur) {
             effects.with(Effect::Surface).with(Effect::Azimuth)
         } else {
             effects
         };
-        let request = Request::of(pearl.recipe.clone(), effects, options.clone()).map_err(refuse)?;
-        let bands = request.bands().map_err(refuse)?;
-        let solver = bake::solver(&request, &bands).map_err(refuse)?;
-        let costs = plan::costs(&request, &bands, solver).map_err(refuse)?;
-        let table = match solver {
-            SolverChoice::Doubling => bake::doubling(&request, &bands),
-            _ => bake::walk(&request, &bands, &Observer::idle(), None),
-        };
-        let table = table.map_err(refuse)?;
+        let request = Request::of(pearl.recipe.clone(), effects, options.clone())?;
+        let bands = request.bands()?;
+        let costs = plan::costs(&request, &bands, bake::solver(&request, &bands)?)?;
+        let table = bake::bake(&request, observer)?;
         let controls = controls(&pearl.view, effects, &table);
-        let bsdf = PearlBsdf::from_table(table, controls).map_err(Stop::failure)?;
+        let bsdf = PearlBsdf::from_table(table, controls).map_err(|why| BakeError::Input(why.to_string()))?;
         Ok(Self {
             picture: picture(&bsdf, controls.components),
             cost: costs.into_iter().fold(Cost::default(), |sum, cost| sum + cost),
