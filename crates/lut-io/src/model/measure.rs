@@ -17,7 +17,7 @@ use std::f64::consts::{PI, TAU};
 #[must_use]
 pub fn component_scale(own: f64, all: f64) -> f64 {
     const FAINTEST: f64 = 1e-4;
-    (all * own.max(FAINTEST * all)).sqrt()
+    all * (own / all).max(FAINTEST).sqrt()
 }
 
 /// Extent of each cell of one incidence: ds in radians for plane axes, the solid angle of the cell and its

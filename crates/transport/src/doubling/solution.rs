@@ -45,7 +45,7 @@ pub const FAINT: f64 = 1e-3;
 #[must_use]
 pub fn component_scale(own: f64, all: f64) -> f64 {
     const FAINTEST: f64 = 1e-4;
-    (all * own.max(FAINTEST * all)).sqrt()
+    all * (own / all).max(FAINTEST).sqrt()
 }
 
 /// How far two resolutions are apart: the solver's own error estimate.
