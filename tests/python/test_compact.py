@@ -1,5 +1,5 @@
 """Compact tables (`lut fit`): four pearls in both geometries are as small and as near as promised, and what the plugin makes
-of a compact file is what `pearl` makes of it. NACRE_FULL=1 takes all eight tables; CI takes three."""
+of a compact file is what `pearl` makes of it. NACRE_FULL=1 takes all eight tables; CI takes two."""
 
 import base64
 import json
@@ -22,7 +22,7 @@ import test_plugin  # noqa: E402
 
 RECIPES = ["paper", "akoya", "mother-of-pearl", "golden"]
 TABLES = [(recipe, azimuth) for recipe in RECIPES for azimuth in ("decay", "space")]
-FEW = [("paper", "decay"), ("akoya", "decay"), ("mother-of-pearl", "space")]
+FEW = [("paper", "decay"), ("paper", "space")]
 FORMS = {
     "analytic": ["--form", "analytic"],
     "table": ["--form", "table"],
@@ -49,11 +49,13 @@ def fitted(request, folder):
     source = ROOT / "data" / "recipes" / f"{recipe}.json"
     # One lobe for all wavelengths: a compact file holds no more.
     one_lobe = ["--effects", "surface,blur,azimuth,absorption,coherent,emission"] if recipe == "golden" else []
-    # In space a per cent takes as many cells as a tenth in the plane.
-    accuracy = 0.1 if azimuth == "decay" else 1
+    # In space half a per cent takes as many cells as a tenth in the plane.
+    accuracy = 0.1 if azimuth == "decay" else 0.5
     run("bake-brdf", source, *one_lobe, "--azimuth", azimuth, "--solver", "doubling", "--accuracy", accuracy, "-q", "-o", table)
     forms = {}
     for name, args in FORMS.items():
+        # A table that has no more rows and cells than its accuracy takes loses as much again where it is made smaller.
+        args = [*args, "--total-variation", 1] if azimuth == "space" and name == "table" else args
         small = folder / f"{recipe}-{azimuth}-{name}.exr"
         forms[name] = small, json.loads(run("lut", "fit", table, *args, "-o", small, "--json"))
     return table, forms

@@ -357,7 +357,7 @@ fn every_shipped_recipe_bakes() {
         let path = entry.unwrap().path();
         let folder = folder();
         let table =
-            bake(folder.path(), &[path.to_str().unwrap(), "--paths", "500", "--incident-deg", "0,60"]);
+            bake(folder.path(), &[path.to_str().unwrap(), "--accuracy", "20", "--incident-deg", "0,60"]);
         let name = table.meta().recipe["name"].as_str().unwrap().to_owned();
         assert_eq!(Some(name.as_str()), path.file_stem().and_then(|stem| stem.to_str()));
         assert!(!table.meta().recipe["sources"].as_object().unwrap().is_empty(), "{name} cites no source");

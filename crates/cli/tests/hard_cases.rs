@@ -551,7 +551,7 @@ fn showing(component: Shown) -> PearlBsdf {
         Shown::Blur => Components { blur: true, ..none },
     };
     let controls = Controls { components, ..*bsdf().controls() };
-    PearlBsdf::from_table(lobe().table().clone(), controls).expect("a BSDF")
+    PearlBsdf::new(bsdf().prepared().clone(), controls).expect("a BSDF")
 }
 
 /// Largest departure from a unit vector with its own density over the corners of the unit cube.

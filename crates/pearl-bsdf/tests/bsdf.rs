@@ -9,10 +9,11 @@ use lut_io::lobe::Interpolant;
 use lut_io::spectra::Missing;
 use lut_io::table::{Component, Normals, SurfaceModel, Table};
 use made_up::{direction, dispersed, random_controls, with_spectra, with_waves};
-use pearl_bsdf::{BsdfError, Components, Controls, Direction, Evaluation, PearlBsdf};
+use pearl_bsdf::{BsdfError, Components, Controls, Direction, Evaluation, PearlBsdf, Prepared};
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::sync::Arc;
 
 fn incidences() -> Vec<f64> {
     (0..=18).map(|i| 5.0 * f64::from(i)).collect()
@@ -23,7 +24,16 @@ fn tables() -> [Table; 2] {
 }
 
 fn bsdf(table: &Table, controls: Controls) -> PearlBsdf {
-    PearlBsdf::from_table(table.clone(), controls).unwrap()
+    look(&prepared(table), controls)
+}
+
+/// What takes the time, once for all looks.
+fn prepared(table: &Table) -> Arc<Prepared> {
+    Arc::new(Prepared::new(table.clone()).unwrap())
+}
+
+fn look(prepared: &Arc<Prepared>, controls: Controls) -> PearlBsdf {
+    PearlBsdf::new(prepared.clone(), controls).unwrap()
 }
 
 fn white_plain() -> Controls {
@@ -44,13 +54,14 @@ fn only(name: &str) -> Controls {
 fn no_channel_reflects_more_than_it_receives_whatever_the_controls() {
     let mut random = StdRng::seed_from_u64(11);
     for table in tables().map(with_spectra) {
+        let table = prepared(&table);
         for round in 0..12 {
             let mut controls = random_controls(&mut random);
             if round % 3 == 0 {
                 // Where limits bite.
                 (controls.body_rgb, controls.depth) = ([1.0; 3], 1.0);
             }
-            let bsdf = bsdf(&table, controls);
+            let bsdf = look(&table, controls);
             for _ in 0..6 {
                 let theta = FRAC_PI_2 * random.random::<f64>().powf(0.5);
                 for parts in [bsdf.directional_albedo(theta), bsdf.directional_albedo_seen(theta)] {
@@ -286,10 +297,11 @@ fn integral_of_pdf(bsdf: &PearlBsdf, theta_i: f64) -> f64 {
 #[test]
 fn the_density_integrates_to_one() {
     for table in tables().map(with_spectra) {
+        let table = prepared(&table);
         for controls in
             [Controls::default(), only("diffuse"), only("incoherent"), only("mirror"), only("blur")]
         {
-            let bsdf = bsdf(&table, controls);
+            let bsdf = look(&table, controls);
             for degrees in [0.0, 5.0, 30.0, 60.0, 80.0, 85.0, 89.0f64] {
                 let integral = integral_of_pdf(&bsdf, degrees.to_radians());
                 // The bound of the issue for lost mass; the sums themselves are good to a few 1e-4.
@@ -307,10 +319,11 @@ fn samples_have_the_stated_density() {
     const LIMIT: f64 = 4.68;
     let mut random = StdRng::seed_from_u64(7);
     for table in tables().map(with_spectra) {
+        let table = prepared(&table);
         for controls in
             [Controls::default(), only("diffuse"), only("incoherent"), only("mirror"), only("blur")]
         {
-            let bsdf = bsdf(&table, controls);
+            let bsdf = look(&table, controls);
             for degrees in [0.0, 5.0, 30.0, 60.0, 80.0, 85.0, 89.0f64] {
                 let deviate = chi2_deviate(&bsdf, degrees.to_radians(), &mut random);
                 assert!(
@@ -495,9 +508,10 @@ fn nothing_is_nan_at_poles_horizons_and_ends_of_the_unit_interval() {
 fn hiding_a_component_leaves_the_others_as_they_are() {
     let table = with_spectra(specimen::plane(&incidences(), 96));
     let (wi, wo) = (direction(0.7, 0.0), direction(0.6, 3.0));
-    let all = bsdf(&table, Controls::default()).eval(wi, wo).parts();
+    let table = prepared(&table);
+    let all = look(&table, Controls::default()).eval(wi, wo).parts();
     for (part, name) in Components::NAMES.into_iter().enumerate() {
-        let shown = bsdf(&table, only(name)).eval(wi, wo).parts();
+        let shown = look(&table, only(name)).eval(wi, wo).parts();
         for (other, rgb) in shown.iter().enumerate() {
             assert_eq!(*rgb, if other == part { all[part] } else { [0.0; 3] });
         }
@@ -616,10 +630,10 @@ fn what_mixing_takes_below_zero_is_cut_from_the_albedo_as_from_the_light() {
 #[test]
 fn a_dispersed_lobe_is_sampled_without_bias_and_reflects_no_more_than_it_receives() {
     for table in tables().map(with_spectra) {
-        let (table, _) = dispersed(table);
+        let table = prepared(&dispersed(table).0);
         let white = Controls { body_rgb: [1.0; 3], ..Controls::default() };
         for (controls, white) in [(white, true), (Controls::default(), false)] {
-            let bsdf = bsdf(&table, controls);
+            let bsdf = look(&table, controls);
             let mut random = StdRng::seed_from_u64(5);
             for degrees in [10.0_f64, 60.0] {
                 let wi = direction(degrees.to_radians(), 0.4);

@@ -7,10 +7,11 @@ use lut_io::axis::ExitAxis;
 use lut_io::symmetrise;
 use lut_io::table::Table;
 use made_up::{direction, dispersed, random_controls, with_spectra};
-use pearl_bsdf::{Components, Controls, Direction, Evaluation, PearlBsdf, Sample};
+use pearl_bsdf::{Components, Controls, Direction, Evaluation, PearlBsdf, Prepared, Sample};
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 use std::f64::consts::{FRAC_PI_2, TAU};
+use std::sync::Arc;
 
 /// Of both kinds: plain, with incidences at odd angles and lobes narrow or wide, reciprocal, and of several bands.
 fn tables(random: &mut StdRng) -> Vec<Table> {
@@ -76,8 +77,9 @@ fn controls(random: &mut StdRng, table: &Table) -> Controls {
 fn many_pairs_at_a_call_have_the_bits_of_one_at_a_call() {
     let mut random = StdRng::seed_from_u64(31);
     for table in tables(&mut random) {
+        let prepared = Arc::new(Prepared::new(table.clone()).unwrap());
         for _ in 0..3 {
-            let bsdf = PearlBsdf::from_table(table.clone(), controls(&mut random, &table)).unwrap();
+            let bsdf = PearlBsdf::new(prepared.clone(), controls(&mut random, &table)).unwrap();
             for count in [0, 1, 5, 16, 17, 700] {
                 let (wi, wo) = (directions(&mut random, count), directions(&mut random, count));
                 let numbers: Vec<[f64; 3]> = (0..count).map(|_| random.random()).collect();

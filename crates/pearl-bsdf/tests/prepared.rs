@@ -76,7 +76,7 @@ fn a_look_on_a_prepared_table_is_that_look_on_the_table() {
     let mut random = StdRng::seed_from_u64(17);
     let table = dispersed(with_spectra(specimen::plane(&[0.0, 20.0, 45.0, 70.0, 90.0], 48))).0;
     let prepared = Arc::new(Prepared::new(table.clone()).unwrap());
-    for _ in 0..4 {
+    for _ in 0..2 {
         let controls = random_controls(&mut random);
         let shared = PearlBsdf::new(Arc::clone(&prepared), controls).unwrap();
         let alone = PearlBsdf::from_table(table.clone(), controls).unwrap();

@@ -379,7 +379,8 @@ mod tests {
             for mode in [AzimuthMode::Decay, AzimuthMode::Space] {
                 let mut recipe = Recipe::from_json(&text).unwrap();
                 recipe.azimuth.mode = mode;
-                let options = Options { incident_deg: Some(vec![30.0]), ..Options::default() };
+                let cells = Some([96, 32]);
+                let options = Options { incident_deg: Some(vec![30.0]), cells, ..Options::default() };
                 let request = Request::new(recipe, options).unwrap();
                 let crossings = |enough: bool| scout(&request, 0.02, 1, |_| enough).unwrap().crossings;
                 let ratio = crossings(true) / crossings(false);
