@@ -1,15 +1,11 @@
 """Tables of every kind, as `pearl eval` and as the independent reader of `table_reader.py` read them."""
 
 import json
-import os
-import pathlib
-import subprocess
 
 import numpy as np
 import table_reader as reader
+from built import ROOT, run
 
-ROOT = pathlib.Path(__file__).resolve().parents[1]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 PAIRS = 1500
 WAVELENGTHS_NM = [370.0, 451.3, 545.0, 612.4, 790.0]
 DOUBLING = ["--solver", "doubling", "--accuracy", "2"]
@@ -32,12 +28,6 @@ LOOKS = {
     "recipe": {},
     "painted": {"depth": 0.7, "brightness": 0.6, "coherence": 0.9, "body_rgb": [0.95, 0.6, 0.2], "tint_rgb": [0.6, 1.0, 0.8]},
 }
-
-
-def run(tool, *args, text=None):
-    done = subprocess.run([BIN / tool, *map(str, args)], capture_output=True, text=True, input=text)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 def baked(folder, kind):
@@ -84,7 +74,7 @@ def judge(folder, kind):
         if kind == "no-colours":
             look = {key: value for key, value in look.items() if key not in ("depth", "coherence")}
         written = [[f"--{key.replace('_', '-')}", ",".join(map(str, np.atleast_1d(value)))] for key, value in look.items()]
-        said = run("pearl", "eval", path, "--input", "-", "--wavelengths-nm", nm, *sum(written, []), text=lines)
+        said = run("pearl", "eval", path, "--input", "-", "--wavelengths-nm", nm, *sum(written, []), input=lines)
         said = [json.loads(line) for line in said.splitlines()]
         expected = np.moveaxis(np.array([[line["components"][part] for part in reader.COMPONENTS] for line in said]), 0, -1)
         worst = {}

@@ -5,15 +5,11 @@ incidences that are read, which are no rows of the table. Every figure is printe
 """
 
 import json
-import os
-import pathlib
-import subprocess
 
 import numpy as np
 import pytest
+from built import run
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 INCIDENCES = 60
 # Exit directions of an incidence: over θo (signed in decay tables) and φ.
 EXITS = {"decay": (301, 24), "space": (181, 72)}
@@ -31,12 +27,6 @@ RECIPES = {
     "deep": {"stack": {"layers": 1999, "aragonite": {"n": 1.6}, "conchiolin": {"n": 1.45}}},
     "visible": {"stack": {"layers": 12}, "facets": {"slope_sd_deg": 5, "normals": "visible"}},
 }
-
-
-def run(tool, *args):
-    done = subprocess.run([BIN / tool, *map(str, args)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 def table(folder, name, recipe, *how):

@@ -1,15 +1,11 @@
 """The evaluator printed in docs/ARRAYS.md, run on what `lut export --to arrays` writes, says what `pearl eval` says."""
 
 import json
-import os
-import pathlib
-import subprocess
 
 import numpy as np
 import pytest
+from built import ROOT, run
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 PAIRS = 3000
 # Between bands and channels, and beyond both ends.
 WAVELENGTHS_NM = [370.0, 451.3, 545.0, 612.4, 790.0]
@@ -31,12 +27,6 @@ LOOKS = {
         "body_rgb": [0.95, 0.6, 0.2], "tint_rgb": [0.6, 1.0, 0.8],
     },
 }
-
-
-def run(tool, *args, text=None):
-    done = subprocess.run([BIN / tool, *map(str, args)], capture_output=True, text=True, input=text)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 @pytest.fixture(scope="module", params=TABLES)
@@ -79,7 +69,7 @@ def by_rust(path, look, wi, wo):
     lines = "\n".join(json.dumps({"wi": a, "wo": b}) for a, b in zip(wi.T.tolist(), wo.T.tolist()))
     written = [[f"--{name.replace('_', '-')}", ",".join(map(str, np.atleast_1d(value)))] for name, value in look.items()]
     nm = ",".join(map(str, WAVELENGTHS_NM))
-    said = run("pearl", "eval", path, "--input", "-", "--wavelengths-nm", nm, *sum(written, []), text=lines)
+    said = run("pearl", "eval", path, "--input", "-", "--wavelengths-nm", nm, *sum(written, []), input=lines)
     found = [json.loads(line) for line in said.splitlines()]
     components = np.array([[line["components"][name] for name in COMPONENTS] for line in found])
     return (

@@ -4,15 +4,13 @@ of a compact file is what `pearl` makes of it. NACRE_FULL=1 takes all eight tabl
 import base64
 import json
 import os
-import pathlib
 import subprocess
 import zlib
 
 import numpy as np
 import pytest
+from built import BIN, ROOT, run
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 FULL = os.environ.get("NACRE_FULL", "") not in ("", "0")
 
 mi = pytest.importorskip("mitsuba")
@@ -28,12 +26,6 @@ FORMS = {
     "table": ["--form", "table"],
     "half": ["--form", "table", "--total-variation", "0"],
 }
-
-
-def run(tool, *args, **keywords):
-    done = subprocess.run([BIN / tool, *map(str, args)], capture_output=True, text=True, **keywords)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 @pytest.fixture(scope="module")

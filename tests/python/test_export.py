@@ -5,27 +5,17 @@ The tools are found through NACRE_BIN (a folder with `bake-brdf`, `lut` and `pea
 """
 
 import json
-import os
-import pathlib
-import subprocess
 
 import numpy as np
 import pytest
+from built import run
 
 mi = pytest.importorskip("mitsuba")
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 THETA_I_DEG = [0.0, 30.0, 64.7, 80.0, 85.5, 88.5]
 # Of the file (the middles of its bands of 5 nm) and between them.
 WAVELENGTHS_NM = [442.5, 444.1, 596.0, 665.0]
 SAMPLES = 600
-
-
-def run(tool, *args, text=None):
-    return subprocess.run(
-        [BIN / tool, *map(str, args)], check=True, capture_output=True, text=True, input=text
-    ).stdout
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +34,7 @@ def pairs(table, theta_i_deg):
     lines = "\n".join(json.dumps({"wi": wi, "wo": s["wo"]}) for s in samples)
     nm = ",".join(map(str, WAVELENGTHS_NM))
     values = [json.loads(line) for line in
-              run("pearl", "eval", table, "--input", "-", "--wavelengths-nm", nm, text=lines).splitlines()]
+              run("pearl", "eval", table, "--input", "-", "--wavelengths-nm", nm, input=lines).splitlines()]
     return wi, [(s["wo"], s["pdf"], v["rgb"], v["spectral"]) for s, v in zip(samples, values)]
 
 

@@ -4,30 +4,20 @@ The tools are found through NACRE_BIN (a folder with `bake-brdf` and `lut`), els
 """
 
 import json
-import os
-import pathlib
-import subprocess
 
 import numpy as np
 import pytest
+from built import run
 
 OpenEXR = pytest.importorskip("OpenEXR")
 mi = pytest.importorskip("mitsuba")
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 LOBES = [
     f"{component}{suffix}"
     for component in ("interior", "surface", "rehit")
     for suffix in ("", "_std_error", "_count")
 ]
 COORDINATES = ["theta_i_deg", "theta_o_deg", "phi_deg", "weight_sr"]
-
-
-def run(tool, *args):
-    return subprocess.run(
-        [BIN / tool, *map(str, args)], check=True, capture_output=True, text=True
-    ).stdout
 
 
 @pytest.fixture(scope="module", params=["decay", "space"])

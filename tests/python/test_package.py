@@ -3,7 +3,6 @@
 import gc
 import json
 import os
-import pathlib
 import re
 import signal
 import subprocess
@@ -17,19 +16,12 @@ import numpy as np
 import PyMoosh
 import pytest
 import tmm
+from built import BIN, ROOT, run
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 COARSE = {
     "paper": {"solver": "doubling", "accuracy": 5},
     "akoya": {"solver": "walk", "paths": 2000, "incident_deg": [0, 45, 80], "cells": (40, 20), "azimuth": "space", "seed": 7},
 }
-
-
-def run(tool, *args, text=None):
-    done = subprocess.run([BIN / tool, *map(str, args)], capture_output=True, text=True, input=text)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 @pytest.fixture(scope="module", params=COARSE)
@@ -179,7 +171,7 @@ def test_values_are_those_of_the_tools(baked):
     wi, wo = directions(600, 1), directions(600, 2)
     lines = "".join(json.dumps({"wi": list(i), "wo": list(o)}) + "\n" for i, o in zip(wi, wo))
     flags = ["--depth", 0.7, "--coherence", 0.9, "--brightness", 0.8, "--body-rgb", "0.9,0.5,0.2", "--tint-rgb", "1,0.8,0.6"]
-    said = [json.loads(line) for line in run("pearl", "eval", path, "--input", "-", "--wavelengths-nm", "450,600", *flags, text=lines).splitlines()]
+    said = [json.loads(line) for line in run("pearl", "eval", path, "--input", "-", "--wavelengths-nm", "450,600", *flags, input=lines).splitlines()]
     pearl = nacre.Pearl(table, depth=0.7, coherence=0.9, brightness=0.8, body_color=(0.9, 0.5, 0.2), tint=[1, 0.8, 0.6])
     close = lambda ours, theirs: np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-14)
     close(pearl.eval(wi, wo), [line["rgb"] for line in said])

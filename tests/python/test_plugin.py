@@ -5,17 +5,14 @@ NACRE_FULL=1 runs all of it (every scalar variant on all pairs): minutes. The to
 
 import json
 import os
-import pathlib
 import re
-import shutil
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from built import BIN, ROOT, run
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 FULL = os.environ.get("NACRE_FULL", "") not in ("", "0")
 sys.path.insert(0, str(ROOT / "tools" / "compare"))
 
@@ -44,12 +41,6 @@ def use(variant):
 def use_rgb():
     """The variant that evaluates many pairs at a call, or the scalar one where there is no LLVM."""
     mi.set_variant("scalar_rgb" if LLVM_MISSING else "llvm_ad_rgb")
-
-
-def run(tool, *args):
-    done = subprocess.run([BIN / tool, *map(str, args)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 @pytest.fixture(scope="module")

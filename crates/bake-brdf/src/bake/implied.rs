@@ -6,6 +6,7 @@ use crate::options::SolverChoice;
 use crate::spectra;
 use lut_io::axis::ExitAxis;
 use lut_io::check::{self, Finding, Worst};
+use lut_io::lobe::Interpolant;
 use lut_io::solver::Solver;
 use lut_io::spectra::Spectra;
 use lut_io::table::{AzimuthMode, Meta, SurfaceModel, Table};
@@ -18,11 +19,22 @@ const TOLERANCE: f64 = 1e-9;
 const COLOUR_TOLERANCE: f64 = 1e-5;
 const COMPACT_COLOUR_TOLERANCE: f64 = 1e-2;
 
-/// Compares a table with what its recipe implies. Takes as long as the colours of the recipe: a second, some for irregular stacks.
-///
-/// # Errors
-/// A recipe, or other metadata, that no bake of this version writes.
-pub fn check(table: &Table) -> Result<Vec<Finding>, BakeError> {
+/// All checks of a table: of what it says of itself, and against its recipe; why the latter was not read, if no bake of this version
+/// could have written it. Takes as long as the colours of the recipe: a second, some for irregular stacks.
+#[must_use]
+pub fn whole(lobe: &Interpolant) -> (Vec<Finding>, Option<String>) {
+    let mut findings = check::check(lobe);
+    match check(lobe.table()) {
+        Ok(implied) => {
+            findings.extend(implied);
+            (findings, None)
+        }
+        Err(why) => (findings, Some(why.to_string())),
+    }
+}
+
+/// Compares a table with what its recipe implies.
+fn check(table: &Table) -> Result<Vec<Finding>, BakeError> {
     let own = reproduce::request(table.meta())?;
     let mut findings = Vec::new();
     let further = table.further_bands().map_err(super::invalid)?;

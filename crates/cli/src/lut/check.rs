@@ -28,15 +28,7 @@ pub(crate) fn run(args: &CheckArgs, json: bool) -> Outcome {
     let file = &args.file.file;
     let lobe = read_lobe(file)?;
     let table = lobe.table();
-    let mut findings = check::check(&lobe);
-    // A recipe that no bake of this version reads says nothing of the table.
-    let no_recipe = match implied::check(table) {
-        Ok(implied) => {
-            findings.extend(implied);
-            None
-        }
-        Err(why) => Some(why.to_string()),
-    };
+    let (findings, no_recipe) = implied::whole(&lobe);
     let honesty = match &args.against {
         Some(other) => honesty(table, file, other)?,
         None => Vec::new(),
