@@ -5,7 +5,7 @@
 use bake_brdf::bake::{self, Observer, Request, implied};
 use bake_brdf::options::{Options, SolverChoice, Target};
 use bake_brdf::recipe::Recipe;
-use lut_io::check::{self, Finding};
+use lut_io::check::Finding;
 use lut_io::diff::{Difference, diff};
 use lut_io::lobe::Interpolant;
 use lut_io::measure;

@@ -29,10 +29,6 @@ impl From<Ours> for Table {
 }
 
 impl Table {
-    pub(crate) const fn inner(&self) -> &Arc<Ours> {
-        &self.inner
-    }
-
     /// The table made ready; the caller lets go of the interpreter's lock.
     pub(crate) fn prepared(&self) -> Result<Arc<Prepared>, pearl_bsdf::BsdfError> {
         if let Some(prepared) = self.prepared.get() {
