@@ -5,16 +5,13 @@ NumPy's complex128 over so many waves or thicknesses that nothing is left to con
 """
 
 import json
-import os
-import pathlib
 import random
 import subprocess
 
 import numpy as np
 from mpmath import cos, exp, matrix, mp, mpc, mpf, pi, sin, sqrt
+from built import BIN
 
-ROOT = pathlib.Path(__file__).resolve().parents[1]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 DIGITS = 40
 # Promises: absolute errors of R, T and A of single waves; what a wavelength's rounding (2^-53) changes counts five times on top.
 SINGLE = 1e-12

@@ -5,17 +5,14 @@ interface, Fresnel's reflectance of the complex indices, rays by Snell's law of 
 """
 
 import json
-import os
-import pathlib
 import random
 import subprocess
 
 import numpy as np
 import OpenEXR
 from scipy import stats
+from built import BIN
 
-ROOT = pathlib.Path(__file__).resolve().parents[1]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 PATHS = {"decay": 200_000, "space": 100_000}
 CELLS = {"decay": "48", "space": "16x8"}
 # What doublings are asked for, per cent of the reflected light.

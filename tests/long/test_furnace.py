@@ -6,12 +6,10 @@ NACRE_FURNACES sets another number. Tools are found through NACRE_BIN, else in t
 import concurrent.futures
 import json
 import os
-import pathlib
 import random
 import subprocess
+from built import BIN
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 FURNACES = int(os.environ.get("NACRE_FURNACES", "10000"))
 CONTROLS_PER_RECIPE = 50
 # Angles of incidence a furnace looks at, off the nodes of the tables.

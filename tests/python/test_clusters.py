@@ -1,18 +1,16 @@
 """Bakes on clusters: Dask with a worker killed in the middle, and a Slurm job array, give the bytes of one bake."""
 
 import os
-import pathlib
 import signal
 import subprocess
 import sys
 
 import pytest
+from built import BIN, ROOT
 
 distributed = pytest.importorskip("distributed")
 import nacre  # noqa: E402
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 DRIVER = ROOT / "tools" / "dask" / "bake.py"
 SLURM = ROOT / "tools" / "slurm"
 RECIPE = '{"stack":{"layers":40}}'

@@ -16,9 +16,8 @@ import time
 import zlib
 
 import pytest
+from built import BIN
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 KILLS = int(os.environ.get("NACRE_KILLS", "10"))
 SEED = 7
 

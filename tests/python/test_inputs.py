@@ -2,14 +2,11 @@
 
 import codecs
 import json
-import os
-import pathlib
 import subprocess
 
 import pytest
+from built import BIN, ROOT
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 RECIPE = '{"name": "π", "stack": {"layers": 4}}'
 PAIR = '{"wi": [0, 0, 1], "wo": [0.1, 0, 0.995]}\n'
 CASE = (ROOT / "tests" / "data" / "hard_cases.json").read_text()

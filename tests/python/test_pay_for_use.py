@@ -1,16 +1,13 @@
 """Effects that are off cost nothing: instructions per crossing of the walk against a kernel written without them."""
 
 import json
-import os
-import pathlib
 import shutil
 import subprocess
 import sys
 
 import pytest
+from built import BIN, ROOT
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 EXAMPLE = BIN / "examples" / "pay_for_use"
 
 

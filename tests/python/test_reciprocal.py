@@ -1,15 +1,12 @@
 """`bake-brdf --reciprocal`: f(a → b) = f(b → a), in the evaluator and in the plugin, for both azimuth modes."""
 
 import json
-import os
-import pathlib
 import subprocess
 
 import numpy as np
 import pytest
+from built import BIN, ROOT
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 
 mi = pytest.importorskip("mitsuba")
 import nacre.mitsuba  # noqa: E402, F401

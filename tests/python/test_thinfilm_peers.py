@@ -5,8 +5,6 @@ Benign: at most 24 layers, no resonance of high quality, 0 to 80 degrees; there 
 """
 
 import json
-import os
-import pathlib
 import random
 import subprocess
 
@@ -14,9 +12,8 @@ import numpy as np
 import PyMoosh
 import pytest
 import tmm
+from built import BIN
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BIN = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release"))
 ANGLES = [0.0, 17.0, 45.0, 62.5, 80.0]
 WAVELENGTHS = np.linspace(400, 740, 5)
 AGREEMENT = 1e-11

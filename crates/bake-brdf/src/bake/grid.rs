@@ -66,7 +66,9 @@ impl Grid {
         }
         let share = options.target.share();
         let transport = stand_in(request, transport)?;
-        let Some((operator, probed)) = lobes(&transport, &first, share)? else { return Ok(listed(first)) };
+        let Some((operator, probed)) = lobes(&transport, geometry, &first, share)? else {
+            return Ok(listed(first));
+        };
         let azimuth = request.recipe.azimuth;
         let [rows_share, cells_share] = reading_shares(&first);
         let axis = match options.cells {
@@ -84,13 +86,10 @@ impl Grid {
 /// cost too much.
 fn lobes(
     transport: &Transport,
+    geometry: Geometry,
     axis: &ExitAxis,
     share: f64,
 ) -> Result<Option<(Operator, Solution)>, BakeError> {
-    let geometry = match axis {
-        ExitAxis::Plane { .. } => Geometry::Plane,
-        ExitAxis::Space { .. } => Geometry::Space,
-    };
     let probes = placing::probes(axis);
     let solved = |finer: f64| -> Result<Option<(Operator, Solution)>, BakeError> {
         let settings = Settings::for_accuracy(transport, geometry, finer.max(LOBE_SHARES[0]));

@@ -270,7 +270,9 @@ pub(super) fn reflected<const N: usize>(
             }
         };
         add_light(&mut pixels[0][k], &sample.value, weight);
-        pairs.push(k, views[k], sample.wo, weight);
+        if N > 1 {
+            pairs.push(k, views[k], sample.wo, weight);
+        }
     }
     for (bsdf, pixels) in bsdfs.iter().zip(&mut pixels).skip(1) {
         pairs.collect(bsdf, pixels);

@@ -32,6 +32,13 @@ pub struct Quality {
     pub seed: u64,
 }
 
+impl Quality {
+    /// Rays from the camera a pixel: few smooth the edges, and a distant light then needs hardly any samples.
+    fn rays(self) -> u32 {
+        self.samples.min(MOST_RAYS)
+    }
+}
+
 /// A square picture, row by row from the top.
 #[derive(Clone, Debug)]
 pub struct Rendered {
@@ -80,7 +87,6 @@ pub fn render<const N: usize>(
 
 /// Pixels that are drawn together: many pairs of directions at a call cost less than half.
 const TILE: usize = 32;
-/// Few rays from the camera smooth the edges; a distant light then needs hardly any samples.
 const MOST_RAYS: u32 = 8;
 const SAMPLES_OF_DISTANT_LIGHT: u32 = 2;
 
@@ -96,8 +102,7 @@ struct Seen {
 }
 
 fn rays(shape: Shape, quality: Quality, pixels: std::ops::Range<u32>) -> Vec<Seen> {
-    let (camera, size) = (shape.camera(), quality.size);
-    let rays = quality.samples.min(MOST_RAYS);
+    let (camera, size, rays) = (shape.camera(), quality.size, quality.rays());
     let at = |pixel: u32, jitter: f64| 2.0 * (f64::from(pixel) + jitter) / f64::from(size) - 1.0;
     let seen = |pixel: u32, number: u32| {
         let random = light::Sequence::new(quality.seed, pixel, number);
@@ -115,7 +120,7 @@ fn tile<const N: usize>(
     quality: Quality,
     rays: &[Seen],
 ) -> [Tile; N] {
-    let rays_of_pixel = quality.samples.min(MOST_RAYS);
+    let rays_of_pixel = quality.rays();
     let samples = match lighting {
         Lighting::Distant => SAMPLES_OF_DISTANT_LIGHT,
         Lighting::Sky => quality.samples.div_ceil(rays_of_pixel),
