@@ -169,3 +169,30 @@ fn auto_chooses_by_the_request_and_says_why() {
         }
     }
 }
+
+#[test]
+fn what_is_stated_stays_within_what_was_asked_at_every_band_and_where_lobes_ring() {
+    // Indices that cross between the bands: the own one bends least. An ambient near the first layer's index: light enters hardly
+    // deflected, and coarse lobes ring.
+    let bands = r#"{"stack":{"layers":60,"aragonite":{"n":{"cauchy":[1.44,0.02]}},"conchiolin":{"n":1.5}}}"#;
+    let rings = r#"{"stack":{"layers":30,"ambient":{"n":1.4078}},"facets":{"slope_sd_deg":4}}"#;
+    for (recipe, effects, further) in [(bands, "surface,blur,dispersion", 3), (rings, "surface,blur", 0)] {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("recipe.json"), recipe).unwrap();
+        let asked = ["recipe.json", "-o", "pearl.exr", "--solver", "doubling", "--accuracy", "1"];
+        let output = tool(folder.path(), &[&asked[..], &["--effects", effects]].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let table = exr_file::read(&folder.path().join("pearl.exr")).unwrap();
+        let meta = table.meta();
+        let dispersed = meta.dispersion.iter().flat_map(|dispersion| &dispersion.bands);
+        let stated: Vec<_> =
+            std::iter::once(&meta.accuracy).chain(dispersed.map(|band| &band.accuracy)).collect();
+        assert!(stated.len() > further, "{} bands", stated.len());
+        for accuracy in stated {
+            let components = accuracy.components.unwrap();
+            let worst =
+                accuracy.reached_percent.max(components.interior_percent).max(components.rehit_percent);
+            assert!(worst <= 1.0, "{recipe}: {accuracy:?}");
+        }
+    }
+}

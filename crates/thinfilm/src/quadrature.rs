@@ -11,6 +11,9 @@ pub struct Rule {
     pub weights: Vec<f64>,
 }
 
+/// Roots found at a time.
+const ROOTS: usize = 8;
+
 /// The n-point rule, exact for polynomials of degree 2n − 1: Newton's iteration on Pₙ from Tricomi's estimate of its roots
 /// (Press et al., *Numerical Recipes*, §4.6).
 ///
@@ -23,29 +26,42 @@ pub struct Rule {
 pub fn gauss_legendre(n: usize) -> Rule {
     let mut nodes = vec![0.0; n];
     let mut weights = vec![0.0; n];
-    for i in 0..n.div_ceil(2) {
-        let mut x = (PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
-        let mut slope = 1.0;
+    let half = n.div_ceil(2);
+    // Roots side by side: each is a chain of divisions that wait for each other.
+    for first in (0..half).step_by(ROOTS) {
+        let mut x: [f64; ROOTS] =
+            std::array::from_fn(|lane| (PI * ((first + lane) as f64 + 0.75) / (n as f64 + 0.5)).cos());
+        let (mut slope, mut found) = ([1.0; ROOTS], [false; ROOTS]);
         for _ in 0..8 {
-            let (mut p, mut before) = (1.0, 0.0);
+            let (mut p, mut before) = ([1.0; ROOTS], [0.0; ROOTS]);
             for k in 0..n {
                 let k = k as f64;
-                let next = ((2.0 * k + 1.0) * x * p - k * before) / (k + 1.0);
-                before = p;
-                p = next;
+                for lane in 0..ROOTS {
+                    let next = ((2.0 * k + 1.0) * x[lane] * p[lane] - k * before[lane]) / (k + 1.0);
+                    before[lane] = p[lane];
+                    p[lane] = next;
+                }
             }
-            slope = n as f64 * (x * p - before) / (x * x - 1.0);
-            let step = p / slope;
-            x -= step;
-            if step.abs() < 1e-16 {
+            for lane in 0..ROOTS {
+                if found[lane] {
+                    continue;
+                }
+                slope[lane] = n as f64 * (x[lane] * p[lane] - before[lane]) / (x[lane] * x[lane] - 1.0);
+                let step = p[lane] / slope[lane];
+                x[lane] -= step;
+                found[lane] = step.abs() < 1e-16;
+            }
+            if found == [true; ROOTS] {
                 break;
             }
         }
-        let weight = 2.0 / ((1.0 - x * x) * slope * slope);
-        nodes[i] = -x;
-        weights[i] = weight;
-        nodes[n - 1 - i] = x;
-        weights[n - 1 - i] = weight;
+        for (i, (x, slope)) in (first..half).zip(x.into_iter().zip(slope)) {
+            let weight = 2.0 / ((1.0 - x * x) * slope * slope);
+            nodes[i] = -x;
+            weights[i] = weight;
+            nodes[n - 1 - i] = x;
+            weights[n - 1 - i] = weight;
+        }
     }
     if n % 2 == 1 {
         nodes[n / 2] = 0.0;

@@ -55,14 +55,16 @@ fn test() -> Result<()> {
         environment.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })?;
     step("release build", cargo(&EVERYTHING))?;
-    python::package(&python)?;
     // Neither keeps two cores busy by itself. What the one says comes after what the other says.
     let said = root().join("target/python-tests.txt");
     let mut pytest = pytest(&python, "tests/python");
     let output = std::fs::File::create(&said).context("target/python-tests.txt")?;
     pytest.stderr(output.try_clone()?).stdout(output);
     let (rust, python) = std::thread::scope(|scope| {
-        let python = scope.spawn(|| step("python", pytest));
+        let python = scope.spawn(|| {
+            python::package(&python)?;
+            step("python", pytest)
+        });
         (step("tests", tests()), python.join())
     });
     print!("{}", String::from_utf8_lossy(&std::fs::read(&said)?));
@@ -116,7 +118,9 @@ fn python_checks(folder: &str) -> Result<()> {
 fn pytest(python: &Path, folder: &str) -> Command {
     let mut pytest = Command::new(python);
     // Two files at a time: a test seldom keeps two cores busy by itself.
-    pytest.args(["-m", "pytest", "-q", "-rsP", "-n", "2", "--dist", "loadfile", folder]).current_dir(root());
+    pytest
+        .args(["-m", "pytest", "-q", "-rsP", "--durations", "25", "-n", "2", "--dist", "loadfile", folder])
+        .current_dir(root());
     pytest.env("NACRE_BIN", root().join("target/release"));
     pytest
 }

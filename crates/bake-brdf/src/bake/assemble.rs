@@ -218,8 +218,10 @@ pub(super) fn doubled(
         })
         .collect();
     let doubling::Settings { nodes, modes, reach, density, .. } = solution.settings;
-    let settings =
-        |interpolation| SolverSettings::Doubling(Doubling { density, interpolation, modes, nodes, reach });
+    let refinements = request.grid.refinements;
+    let settings = |interpolation| {
+        SolverSettings::Doubling(Doubling { density, interpolation, modes, nodes, reach, refinements })
+    };
     let reading = |_: &[Row]| halfway::measured(&request.recipe, axis, solution, stored);
     solved(request, transport, axis, settings, incidences, reading)
 }

@@ -155,6 +155,16 @@ fn chosen(request: &Request, share: f64, settings: Option<&Settings>) -> Result<
     Ok(Bands { own_nm: own, further_nm, interpolation_percent })
 }
 
+/// The shortest and the longest wavelength at which the lobe of a request may be solved beside its own, nm.
+pub(super) fn ends(request: &Request) -> Vec<f64> {
+    if !request.is_dispersed() {
+        return Vec::new();
+    }
+    let nodes = looked_at(request);
+    let ends = [nodes.first(), nodes.last()].into_iter().flatten();
+    ends.copied().filter(|nm| *nm != request.recipe.light.wavelength_nm).collect()
+}
+
 /// The wavelengths looked at, ascending, the recipe's own among them: the visible range as far as the optical constants
 /// reach without a gap, be it that a table ends there or that a formula gives no index.
 fn looked_at(request: &Request) -> Vec<f64> {

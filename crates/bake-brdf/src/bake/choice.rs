@@ -8,7 +8,7 @@
 
 use super::effort::{self, Effort};
 use super::halfway::Auxiliary;
-use super::{BakeError, Bands, COARSEST_DOUBLING, Request, SOLVER_SHARE, reading, walk_only};
+use super::{BakeError, Bands, Request, reading, walk_only};
 use crate::effects::Effect;
 use crate::options::{OptionError, Sides, SolverChoice, Target};
 use crate::prices::{self, ROWS, WALKED};
@@ -159,7 +159,7 @@ fn compare(request: &Request, bands: &Bands) -> Result<Comparison, BakeError> {
         return Ok(Comparison::Only(SolverChoice::Doubling, why));
     }
     let geometry = request.geometry();
-    let settings = settings(&transport, geometry, percent / 100.0);
+    let settings = settings(request, &transport, percent / 100.0);
     if let Err(why) = check_doubling(request, &transport, percent / 100.0) {
         return walk(&format!("doubling is out of reach here: {why}"));
     }
@@ -210,8 +210,7 @@ pub fn counts(request: &Request) -> Result<Counts, BakeError> {
 }
 
 fn counts_of_doubling(request: &Request, transport: &Transport, accuracy: f64) -> DoublingCounts {
-    let geometry = request.geometry();
-    let settings = settings(transport, geometry, accuracy);
+    let settings = settings(request, transport, accuracy);
     DoublingCounts {
         solver: doubling_counts(request, transport, accuracy),
         rows: row_counts(&request.exit_axis(), &settings, solved_incidences(request).len()),
@@ -255,8 +254,8 @@ fn beside_seconds(geometry: Geometry, beside: &[f64]) -> f64 {
 }
 
 /// The settings that doubling starts with.
-pub(super) fn settings(transport: &Transport, geometry: Geometry, accuracy: f64) -> Settings {
-    Settings::for_accuracy(transport, geometry, (SOLVER_SHARE * accuracy).min(COARSEST_DOUBLING))
+pub(super) fn settings(request: &Request, transport: &Transport, accuracy: f64) -> Settings {
+    Settings::for_accuracy(transport, request.geometry(), request.grid.solver_share(accuracy))
 }
 
 /// Refuses what doubling would refuse before it begins.
@@ -266,7 +265,7 @@ pub(super) fn check_doubling(
     accuracy: f64,
 ) -> Result<(), DoublingError> {
     let geometry = request.geometry();
-    let settings = settings(transport, geometry, accuracy);
+    let settings = settings(request, transport, accuracy);
     settings.check_first_attempt(transport, geometry, &solved_incidences(request)).map(drop)
 }
 
@@ -281,7 +280,7 @@ pub(super) fn doubling_counts(
     transport: &Transport,
     accuracy: f64,
 ) -> [f64; OPERATIONS.len()] {
-    let settings = settings(transport, request.geometry(), accuracy);
+    let settings = settings(request, transport, accuracy);
     let incidences = solved_incidences(request).len();
     let [fine, coarse] = [settings, settings.coarser()]
         .map(|settings| settings.cost(transport, request.geometry(), incidences).counts);

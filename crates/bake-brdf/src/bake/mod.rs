@@ -42,8 +42,6 @@ use transport::{Light, Transport};
 
 /// Loosest total variation that doubling is asked for: below this its own minimum resolution is finer anyway.
 const COARSEST_DOUBLING: f64 = 0.05;
-/// Share of the accuracy asked for that the solver takes of what reading between rows and cells leaves.
-const SOLVER_SHARE: f64 = 0.2;
 
 /// Why a bake gave no table.
 #[derive(Debug, thiserror::Error)]
@@ -227,7 +225,7 @@ fn doubled(
         let below = upside_down.map(|below| doubling::smooth(&below, &request.theta_i())).transpose()?;
         return Ok(second_side::smooth(request, transport, axis, &lobes, below.as_deref()));
     }
-    let share = (SOLVER_SHARE * percent / 100.0).min(COARSEST_DOUBLING);
+    let share = request.grid.solver_share(percent / 100.0);
     let theta_i = reading::with_middles(&request.theta_i());
     let solution = doubling::solve_to(transport, request.geometry(), &theta_i, share, both_sides)?;
     let solved = assemble::doubled(request, transport, axis, &solution);

@@ -15,9 +15,13 @@ use transport::doubling::{Operator, Solution, component_scale};
 /// Incidences from which the bend of the lobes is known.
 const SCOUTS: usize = 40;
 /// Rounds of placing rows, and of choosing cells.
-const ROUNDS: usize = 6;
-/// Rows and cells aim at this share of what they may miss; fewer cells than this share of those there are are not looked for.
-const AIM: f64 = 0.9;
+const ROUNDS: usize = 5;
+/// Rows and cells aim at these shares of what they may miss; fewer cells than this share of those there are are not looked for.
+const ROWS_AIM: f64 = 0.95;
+const CELLS_AIM: f64 = 0.9;
+/// Rows are done once what they miss is within these shares of what they may miss: the solver takes what is left.
+const FEW: f64 = 0.7;
+const NEAR: f64 = 1.1;
 const ENOUGH: f64 = 0.9;
 /// Fewest and most rows.
 const ROWS: std::ops::RangeInclusive<usize> = 3..=2001;
@@ -42,8 +46,9 @@ pub(super) fn faintest(solution: &Solution) -> f64 {
     shares.map(|(own, all)| component_scale(own, all) / all).fold(1.0, f64::min)
 }
 
-/// The coarsest axis of which reading between cells misses at most `share` at the [`probes`] that were solved, as far as there is one.
-pub(super) fn cells(first: &ExitAxis, azimuth: Azimuth, share: f64, probed: &Solution) -> ExitAxis {
+/// The coarsest axis of which reading between cells misses at most `share` at the [`probes`] that were solved, as far as there is one,
+/// and what it misses.
+pub(super) fn cells(first: &ExitAxis, azimuth: Azimuth, share: f64, probed: &Solution) -> (ExitAxis, f64) {
     let missed = |axis: &ExitAxis| {
         let probes = (0..CELL_PROBES).into_par_iter();
         probes.map(|i| reading::between_cells(axis, azimuth, probed, i).worst()).reduce(|| 0.0, f64::max)
@@ -70,35 +75,44 @@ pub(super) fn cells(first: &ExitAxis, azimuth: Azimuth, share: f64, probed: &Sol
     }
     for round in 0..ROUNDS {
         // Errors of linear reading fall with the square of the cells.
-        let scale = (found / (AIM * share)).sqrt().clamp(0.25, 8.0);
+        let scale = (found / (CELLS_AIM * share)).sqrt().clamp(0.25, 8.0);
         if round > 0 && found <= share && scale > ENOUGH {
             break;
         }
         cells = cells.map(|cells| cells * scale);
         found = missed(&axis(cells));
     }
-    axis(cells)
+    (axis(cells), found)
 }
 
-/// Places rows, degrees, so that what reading between them misses is at most `share` where that is possible.
-pub(super) fn rows(
+/// Places rows, degrees, so that what reading between them misses is at most `share` where that is possible, for the problem
+/// whose lobes bend most; and what is missed.
+pub(super) fn rows<'o>(
     axis: &ExitAxis,
     azimuth: Azimuth,
     share: f64,
-    operator: &Operator,
-) -> Result<Vec<f64>, BakeError> {
-    let sampled = |theta_i: &[f64]| -> Result<Vec<Sample>, BakeError> {
+    problems: impl Iterator<Item = &'o Operator>,
+) -> Result<(Vec<f64>, f64), BakeError> {
+    let sampled = |operator: &Operator, theta_i: &[f64]| -> Result<Vec<Sample>, BakeError> {
         let solution = operator.solve(theta_i)?;
         Ok((0..theta_i.len()).into_par_iter().map(|i| Sample::new(axis, azimuth, &solution, i)).collect())
     };
     let scouts = spread_out(SCOUTS, axis.width());
-    let samples = sampled(&scouts)?;
-    let mut bend = Bend::of(axis, &samples);
+    let mut most: Option<(&'o Operator, Vec<Sample>, Bend)> = None;
+    for operator in problems {
+        let samples = sampled(operator, &scouts)?;
+        let bend = Bend::of(axis, &samples);
+        if most.as_ref().is_none_or(|(_, _, least)| bend.total() > least.total()) {
+            most = Some((operator, samples, bend));
+        }
+    }
+    let Some((operator, samples, mut bend)) = most else { return Ok((Vec::new(), f64::INFINITY)) };
     let mut best: Option<(Vec<f64>, f64)> = None;
+    let mut seen = Vec::new();
     for _ in 0..ROUNDS {
-        let incident_deg = bend.place(AIM * share);
+        let incident_deg = bend.place(ROWS_AIM * share);
         let theta_i: Vec<f64> = incident_deg.iter().map(|degrees| degrees.to_radians()).collect();
-        let rows = sampled(&reading::with_middles(&theta_i))?;
+        let rows = sampled(operator, &reading::with_middles(&theta_i))?;
         let (nodes, middles) = rows.split_at(theta_i.len());
         let looks = reading::between_rows(axis, nodes, middles.par_iter().chain(&samples));
         let worst = looks.iter().map(|look| look.missed.worst()).fold(0.0, f64::max);
@@ -106,8 +120,8 @@ pub(super) fn rows(
             (true, true) => incident_deg.len() < rows.len(),
             (kept, keeps) => keeps || (!kept && worst < *missed),
         });
-        bend = Bend::seen(looks);
-        let done = worst <= share && worst > 0.75 * share;
+        bend = Bend::seen(&mut seen, looks, ROWS_AIM * share);
+        let done = (FEW * share..=NEAR * share).contains(&worst);
         if better {
             best = Some((incident_deg, worst));
         }
@@ -115,7 +129,7 @@ pub(super) fn rows(
             break;
         }
     }
-    Ok(best.map(|(rows, _)| rows).unwrap_or_default())
+    Ok(best.unwrap_or((Vec::new(), f64::INFINITY)))
 }
 
 /// What reading a table misses between its rows and between its cells, at worst, from a solution of its incidences and of the middles
@@ -166,6 +180,12 @@ impl Bend {
         Self { theta: samples.iter().map(|sample| sample.theta_i).collect(), kappa }
     }
 
+    /// ∫√κ dθ, to which the number of rows is proportional.
+    fn total(&self) -> f64 {
+        let pieces = self.theta.windows(2).zip(self.kappa.windows(2));
+        pieces.map(|(theta, kappa)| 0.5 * (theta[1] - theta[0]) * (kappa[0].sqrt() + kappa[1].sqrt())).sum()
+    }
+
     /// Rows between which every interval misses about `share`.
     fn place(&self, share: f64) -> Vec<f64> {
         let density: Vec<f64> = self.kappa.iter().map(|kappa| (kappa / (4.0 * share)).sqrt()).collect();
@@ -192,12 +212,16 @@ impl Bend {
         rounded(&rows)
     }
 
-    /// What was found between rows.
-    fn seen(mut looks: Vec<Look>) -> Self {
-        looks.retain(|look| look.theta_i > 0.0 && look.theta_i < FRAC_PI_2);
-        looks.sort_by(|a, b| a.theta_i.total_cmp(&b.theta_i));
+    /// What was found between rows, now and before. Close to a row next to nothing is learnt, unless more than `share` is missed.
+    fn seen(before: &mut Vec<Look>, now: Vec<Look>, share: f64) -> Self {
+        let within = |look: &Look| look.theta_i > 0.0 && look.theta_i < FRAC_PI_2;
+        before.retain(|look| now.iter().all(|other| other.theta_i != look.theta_i));
+        before.extend(
+            now.into_iter().filter(|look| within(look) && (look.central || look.missed.worst() > share)),
+        );
+        before.sort_by(|a, b| a.theta_i.total_cmp(&b.theta_i));
         let (mut theta, mut kappa): (Vec<f64>, Vec<f64>) =
-            looks.iter().map(|look| (look.theta_i, look.kappa)).unzip();
+            before.iter().map(|look| (look.theta_i, look.kappa)).unzip();
         let (first, last) = (kappa[0], kappa[kappa.len() - 1]);
         theta.insert(0, 0.0);
         kappa.insert(0, first);
@@ -207,14 +231,14 @@ impl Bend {
     }
 }
 
-/// Rows at round numbers of degrees, at most a twentieth of an interval away.
+/// Rows at round numbers of degrees, at most a fiftieth of an interval away.
 fn rounded(rows: &[f64]) -> Vec<f64> {
     let degrees: Vec<f64> = rows.iter().map(|theta| theta.to_degrees()).collect();
     let mut rounded: Vec<f64> = (0..rows.len())
         .map(|i| {
             let before = if i > 0 { degrees[i] - degrees[i - 1] } else { f64::INFINITY };
             let after = degrees.get(i + 1).map_or(f64::INFINITY, |next| next - degrees[i]);
-            let digits = 10_f64.powf((-(0.1 * before.min(after)).log10()).ceil());
+            let digits = 10_f64.powf((-(0.04 * before.min(after)).log10()).ceil());
             (degrees[i] * digits).round() / digits
         })
         .collect();

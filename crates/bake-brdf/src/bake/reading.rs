@@ -214,6 +214,8 @@ pub(super) struct Look {
     pub(super) theta_i: f64,
     /// How bent the lobes are there: an interval of length h misses κh²/4 half-way.
     pub(super) kappa: f64,
+    /// Far enough from either node for κ to be known well.
+    pub(super) central: bool,
     pub(super) missed: Missed,
 }
 
@@ -225,6 +227,7 @@ pub(super) fn between_rows<'s>(
 ) -> Vec<Look> {
     // Close to a node next to nothing is missed, and next to nothing is learnt of the bend.
     const LEAST: f64 = 0.5;
+    const CENTRAL: f64 = 0.75;
     let angles: Vec<f64> = nodes.iter().map(|sample| sample.theta_i).collect();
     let curves = [0, 1, 2].map(|component| {
         Monotone::new(angles.clone(), nodes.iter().map(|sample| sample.shares[component]).collect())
@@ -235,8 +238,9 @@ pub(super) fn between_rows<'s>(
         let missed = here.missed_by(axis, &nodes[i], &nodes[i + 1], read);
         let length = angles[i + 1] - angles[i];
         let t = (here.theta_i - angles[i]) / length;
-        let kappa = 4.0 * missed.worst() / (length * length * (4.0 * t * (1.0 - t)).max(LEAST));
-        Look { theta_i: here.theta_i, kappa, missed }
+        let arch = 4.0 * t * (1.0 - t);
+        let kappa = 4.0 * missed.worst() / (length * length * arch.max(LEAST));
+        Look { theta_i: here.theta_i, kappa, central: arch >= CENTRAL, missed }
     };
     looks.into_par_iter().map(look).collect()
 }

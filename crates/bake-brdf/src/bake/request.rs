@@ -49,7 +49,7 @@ impl Request {
             recipe,
             effects,
             options,
-            grid: Grid { incident_deg: Vec::new(), axis: exit_axis(geometry, width) },
+            grid: Grid { incident_deg: Vec::new(), axis: exit_axis(geometry, width), refinements: 0 },
             placing_seconds: 0.0,
         };
         let started = Instant::now();
@@ -160,7 +160,9 @@ impl Request {
             let precision = self.transport().map(|transport| options.precision.resolve(&transport)).ok();
             let walk = (options.seed, options.event_cap, precision);
             let walk = (solver != SolverChoice::Doubling).then_some(walk);
-            (solver, &self.grid, options.target, walk)
+            // A walk is no finer for it.
+            let refinements = if solver == SolverChoice::Doubling { self.grid.refinements } else { 0 };
+            (solver, Grid { refinements, ..self.grid.clone() }, options.target, walk)
         });
         // Who is preferred says nothing of what is solved.
         let recipe = Recipe { solver, ..self.recipe.clone() };

@@ -73,6 +73,14 @@ pub struct Doubling {
     pub nodes: usize,
     /// Facets beyond this many σ are left out.
     pub reach: f64,
+    /// How often it was made finer than the accuracy asked for takes, so that rows and cells keep it too.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub refinements: u32,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // as serde calls it
+const fn is_zero(count: &u32) -> bool {
+    *count == 0
 }
 
 /// What a path adds to its cell.

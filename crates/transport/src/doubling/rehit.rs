@@ -8,7 +8,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use thinfilm::quadrature::gauss_legendre;
+use pulp::Arch;
 
 use super::grid::segment_rule;
 use super::matrix::Matrix;
@@ -63,6 +63,11 @@ impl Turn {
 
     /// The cosine moments at m = k·base, k < TERMS.
     fn moments(&self, base: f64) -> [f64; TERMS] {
+        Arch::new().dispatch(|| self.moments_in_lanes(base))
+    }
+
+    #[inline(always)]
+    fn moments_in_lanes(&self, base: f64) -> [f64; TERMS] {
         // cos(m(p + ½)step) by the three-term recurrence in p, for all k at once.
         let half = (0.5 * base * self.step).cos();
         let mut now = [1.0; TERMS];
@@ -119,7 +124,7 @@ impl RehitLobe {
         }
         let sigma = transport.facets.slope_sd;
         let (sine, cosine) = theta_i.sin_cos();
-        let states = gauss_legendre(STATES);
+        let states = segment_rule(STATES);
         let elevation: Vec<f64> = states.nodes.iter().map(|t| 0.5 * cosine * (t + 1.0)).collect();
         let weight: Vec<f64> = states.weights.iter().map(|w| 0.5 * cosine * w).collect();
         let along = |e: f64| ((1.0 - e * e).max(0.0).sqrt(), e);
@@ -134,7 +139,7 @@ impl RehitLobe {
         let range = (highest / cosine).ln_1p();
         let mut series = Matrix::zeros(ROWS, TERMS);
         let mut known: Option<(f64, Matrix)> = None;
-        for (row, t) in gauss_legendre(ROWS).nodes.iter().enumerate() {
+        for (row, t) in segment_rule(ROWS).nodes.iter().enumerate() {
             let exit = along((cosine * (0.5 * range * (t + 1.0)).exp_m1()).min(1.0));
             let last: Vec<Turn> = lobes
                 .iter()
@@ -262,9 +267,14 @@ fn lagrange(nodes: &[f64], top: f64, at: f64) -> Vec<f64> {
 
 /// Light in each state (rows) at m = k·base (columns): all chains that end there.
 fn visits(first: &[Turn], again: &[Vec<(Turn, Vec<f64>)>], weight: &[f64], base: f64) -> Matrix {
+    Arch::new().dispatch(|| visits_in_lanes(first, again, weight, base))
+}
+
+#[inline(always)]
+fn visits_in_lanes(first: &[Turn], again: &[Vec<(Turn, Vec<f64>)>], weight: &[f64], base: f64) -> Matrix {
     let mut arriving = Matrix::zeros(STATES, TERMS);
     for (state, turn) in first.iter().enumerate() {
-        for (k, moment) in turn.moments(base).into_iter().enumerate() {
+        for (k, moment) in turn.moments_in_lanes(base).into_iter().enumerate() {
             arriving[(state, k)] = weight[state] * moment;
         }
     }
@@ -291,10 +301,11 @@ fn visits(first: &[Turn], again: &[Vec<(Turn, Vec<f64>)>], weight: &[f64], base:
 }
 
 /// Deposit (rows) of one step down at m = k·base (columns).
+#[inline(always)]
 fn step_matrix(step: &[(Turn, Vec<f64>)], base: f64) -> Matrix {
     let mut matrix = Matrix::zeros(STATES, TERMS);
     for (turn, deposit) in step {
-        for (k, moment) in turn.moments(base).into_iter().enumerate() {
+        for (k, moment) in turn.moments_in_lanes(base).into_iter().enumerate() {
             matrix.column_mut(k).iter_mut().zip(deposit).for_each(|(sum, value)| *sum += moment * value);
         }
     }
