@@ -14,6 +14,7 @@ pub(crate) fn environment() -> Result<PathBuf> {
     let stamp = venv.join("requirements.txt");
     if std::fs::read_to_string(&stamp).is_ok_and(|installed| installed == requirements) {
         llvm(&python)?;
+        chromium();
         return Ok(python);
     }
     let mut make = Command::new("python3");
@@ -25,6 +26,7 @@ pub(crate) fn environment() -> Result<PathBuf> {
     step("python packages", install)?;
     std::fs::write(&stamp, requirements)?;
     llvm(&python)?;
+    chromium();
     Ok(python)
 }
 
@@ -59,6 +61,25 @@ pub(crate) fn package(python: &Path) -> Result<()> {
     step("package", install)
 }
 
+/// The page is tested in a real browser. Installs Debian's where that is permitted; else its tests say that they were skipped, and why.
+fn chromium() {
+    let works =
+        || Command::new("chromium").arg("--version").output().is_ok_and(|output| output.status.success());
+    if !works() && !installed("chromium") {
+        println!("no chromium, and none could be installed: the tests of the page will be skipped");
+    }
+}
+
+/// Whether Debian's package is there now.
+fn installed(package: &str) -> bool {
+    let apt = |arguments: &[&str]| {
+        let mut apt = Command::new("apt-get");
+        apt.arg("-qq").args(arguments).stdout(std::process::Stdio::null());
+        apt.status().is_ok_and(|status| status.success())
+    };
+    apt(&["update"]) && apt(&["install", "-y", "--no-install-recommends", package])
+}
+
 /// Dr.Jit's LLVM variants need a libLLVM that knows the processor. Installs Debian's where that is permitted.
 fn llvm(python: &Path) -> Result<()> {
     let works = || {
@@ -70,9 +91,7 @@ fn llvm(python: &Path) -> Result<()> {
     }
     println!("no libLLVM that Dr.Jit can use (above: why); installing one");
     for package in ["libllvm19", "libllvm17"] {
-        let update = Command::new("apt-get").args(["-qq", "update"]).status();
-        let install = Command::new("apt-get").args(["-qq", "install", "-y", package]).status();
-        if update.is_ok_and(|s| s.success()) && install.is_ok_and(|s| s.success()) && works() {
+        if installed(package) && works() {
             return Ok(());
         }
     }
