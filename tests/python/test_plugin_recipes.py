@@ -194,6 +194,19 @@ def test_a_folder_that_cannot_be_written_costs_a_line(tmp_path, recipe, monkeypa
     assert line.startswith("nacre: ") and "cannot keep the table of thin" in line
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of file sizes")
+def test_a_full_disk_costs_a_line(cache, recipe):
+    """Files end at a kilobyte: what a disk without room does to a table."""
+    code = (
+        "import resource, sys, nacre; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)); "
+        "table = nacre.cache.table(nacre.Recipe(sys.argv[1])); print(table.meta['recipe']['name'])"
+    )
+    env = {**os.environ, "NACRE_CACHE_DIR": str(cache)}
+    done = subprocess.run([sys.executable, "-c", code, recipe], env=env, capture_output=True, text=True)
+    assert done.stdout == "thin\n", done.stderr
+    assert "cannot keep the table of thin" in done.stderr.splitlines()[-1] and list(cache.iterdir()) == []
+
+
 def test_processes_share_the_folder(cache, recipe, tmp_path):
     """Two that bake the same recipe at once, one that is killed on the way, and one after them: the same picture."""
     command = lambda name: [sys.executable, "-c", RENDER, recipe, tmp_path / f"{name}.npy"]
