@@ -117,6 +117,9 @@ pub(crate) struct Pearl {
     /// Factor of the interference colours, linear sRGB, each 0 to 1.
     #[arg(long, value_name = "R,G,B", value_parser = triple, allow_hyphen_values = true)]
     tint_rgb: Option<Triple>,
+    /// Scale of all thicknesses, of a table baked for it (look.thickness) [default: 1].
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
+    thickness: Option<f64>,
     /// What to show: all, or a list of diffuse, incoherent, mirror, blur [default: all].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     components: Option<Vec<String>>,
@@ -154,6 +157,7 @@ impl Pearl {
         controls.coherence = self.coherence.unwrap_or(controls.coherence);
         controls.body_rgb = self.body_rgb.unwrap_or(controls.body_rgb);
         controls.tint_rgb = self.tint_rgb.unwrap_or(controls.tint_rgb);
+        controls.thickness = self.thickness.unwrap_or(controls.thickness);
         if let Some(names) = &self.components {
             controls.components =
                 Components::from_names(names.iter().map(String::as_str)).ok_or_else(|| {

@@ -7,6 +7,7 @@ mod arrays;
 pub(crate) mod channels;
 mod lobes;
 mod mirror;
+pub(crate) mod thickness;
 
 use crate::controls::{BsdfError, Controls};
 use crate::facets::{Facets, Rules};
@@ -17,6 +18,7 @@ use channels::{Channels, Coloured, Kind, Light, Means};
 use lut_io::lobe::Interpolant;
 use lut_io::table::Table;
 use std::sync::Arc;
+use thickness::{Scaled, Scales};
 
 /// A table prepared for evaluation and sampling; shared by all pearls that look different because of their [`Controls`] alone.
 #[derive(Clone, Debug)]
@@ -32,6 +34,8 @@ pub struct Prepared {
     /// [`curve::mean_weights`].
     pub(crate) mean_weights: Curve,
     look: Controls,
+    /// Scales of the thicknesses, of a table that has their colours.
+    pub(crate) scales: Option<Scales>,
     /// Effects whose colours the table does not have, and why, if it says so.
     missing: Vec<(&'static str, String)>,
 }
@@ -48,6 +52,8 @@ pub(crate) struct Band {
     pub(crate) plain: Light,
     pub(crate) rgb: Vec<Coloured>,
     pub(crate) spectral: Vec<Coloured>,
+    /// RGB at each of [`Scales::scale`].
+    pub(crate) scaled: Vec<Scaled>,
 }
 
 impl Prepared {
@@ -74,6 +80,7 @@ impl Prepared {
                 .filter(|(_, has, _)| !has)
                 .map(|(effect, _, reason)| (effect, reason.unwrap_or_default()))
                 .collect();
+        let scales = spectra.and_then(Scales::new);
         let mut bands = vec![Band::new(table, spectral.count())?];
         for table in further {
             bands.push(Band::new(table.into(), spectral.count())?);
@@ -89,6 +96,7 @@ impl Prepared {
             spectral,
             mean_weights: curve::mean_weights(),
             look,
+            scales,
             missing,
         })
     }
@@ -99,10 +107,11 @@ impl Prepared {
         self.look
     }
 
-    /// Centres of the bands of the interference colours, nm; one for a table without them.
+    /// The smallest and the largest scale of all thicknesses that the table has colours of; 1 and 1 where it has those of one thickness
+    /// alone.
     #[must_use]
-    pub fn wavelengths_nm(&self) -> &[f64] {
-        &self.spectral.wavelength_nm
+    pub fn thickness_range(&self) -> [f64; 2] {
+        self.scales.as_ref().map_or([1.0; 2], Scales::range)
     }
 
     /// Whether f(a → b) = f(b → a).
@@ -117,6 +126,10 @@ impl Prepared {
     /// The first control that cannot be met.
     pub fn check(&self, controls: &Controls) -> Result<(), BsdfError> {
         controls.check()?;
+        let (value, range) = (controls.thickness, self.thickness_range());
+        if !(range[0]..=range[1]).contains(&value) {
+            return Err(BsdfError::Thickness { value, range });
+        }
         for (control, value, needed) in
             [("depth", controls.depth, "emission"), ("coherence", controls.coherence, "coherent")]
         {
@@ -147,6 +160,7 @@ impl Band {
         let plain = means.plain();
         let rgb = means.coloured(Kind::Rgb, spectra, &plain, 3);
         let spectral = means.coloured(Kind::Spectral, spectra, &plain, channels);
-        Ok(Self { wavelength_nm, lobes, facets, mirror, plain, rgb, spectral })
+        let scaled = means.scaled(spectra);
+        Ok(Self { wavelength_nm, lobes, facets, mirror, plain, rgb, spectral, scaled })
     }
 }
