@@ -710,7 +710,7 @@ mod tests {
     #[test]
     fn names_are_the_models_and_survive_a_round_trip() {
         let names = "surface blur azimuth polarisation absorption dispersion coherent coherent_sheets emission \
-                     irregularity body texture";
+                     irregularity body texture thickness";
         assert_eq!(Effect::ALL.map(Effect::name).join(" "), names);
         for effect in Effect::ALL {
             assert_eq!(Effect::from_name(effect.name()), Some(effect));
