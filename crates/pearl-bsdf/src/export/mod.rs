@@ -128,8 +128,7 @@ fn arrays(bsdf: &PearlBsdf) -> Result<(Vec<u8>, Content), FieldError> {
 
 fn tensor(bsdf: &PearlBsdf, channels: &Channels, name: &str) -> Result<(Vec<u8>, Content), FieldError> {
     let description = format!("{name}, exported by nacre");
-    let bytes =
-        tensor_file::encode(&measured::fields(bsdf, channels, &description))?;
+    let bytes = tensor_file::encode(&measured::fields(bsdf, channels, &description))?;
     // What is compared is what was written.
     let reader = Reader::new(&tensor_file::decode(&bytes)?)?;
     let errors = match channels {
