@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 import venv
+from pathlib import Path
 
 import nacre
 import numpy as np
@@ -119,6 +120,16 @@ def test_operations_say_what_the_tools_say(baked, tmp_path):
     assert nacre.diff(table, other) == {key: value for key, value in said.items() if key not in ("schema", "significance")}
 
 
+@pytest.mark.parametrize("form", ["arrays", "bsdf-rgb", "bsdf-spectral", "merl"])
+def test_exports_have_the_bytes_of_the_tool_and_say_what_it_says(form, tmp_path):
+    table = nacre.bake("paper", **COARSE["paper"])
+    table.save(tmp_path / "table.exr")
+    said = json.loads(run("lut", "export", tmp_path / "table.exr", "--to", form, "--json", "-o", tmp_path / "tool"))
+    ours = nacre.export(table, form, tmp_path / "ours")
+    assert (tmp_path / "ours").read_bytes() == (tmp_path / "tool").read_bytes()
+    assert ours == {**said, "output": str(tmp_path / "ours")}
+
+
 # Interruption ------------------------------------------------------------------------------------------------------------------------
 
 
@@ -150,6 +161,24 @@ def test_an_exception_in_progress_stops_a_bake():
     with pytest.raises(LookupError, match="enough"):
         nacre.bake("paper", solver="walk", time_budget=60, progress=refuse)
     assert time.monotonic() - started < 30
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of threads are read from /proc")
+def test_a_doubling_that_is_stopped_leaves_no_thread_working():
+    def working():
+        return [path for path in Path("/proc/self/task").glob("*/comm") if path.read_text() == "nacre-bake\n"]
+
+    def refuse(share, seconds):
+        assert working()
+        raise LookupError("enough")
+
+    with pytest.raises(LookupError, match="enough"):
+        nacre.bake(SLOW, solver="doubling", accuracy=0.1, incident_deg=[0, 80], cells=(20, 10), effects="surface,blur", progress=refuse)
+    # It would take minutes.
+    given_up = time.monotonic() + 30
+    while working() and time.monotonic() < given_up:
+        time.sleep(0.01)
+    assert not working()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to one process")
@@ -370,6 +399,7 @@ def wrong(pearl, table, folder):
         "cannot read the file": lambda: nacre.Table(folder / "none.exr"),
         "cut.exr": lambda: nacre.Table(folder / "cut.exr"),
         "is not OpenEXR": lambda: nacre.Table.from_bytes(b"cut short"),
+        "format: 'png' is not one of arrays, bsdf-rgb, bsdf-spectral, merl": lambda: nacre.export(table, "png", folder / "png"),
         "channel: 'blue'": lambda: table.channel("blue"),
         "incidence: 99": lambda: table.edges(99),
         "depth: 2": lambda: nacre.Pearl(table, depth=2),
@@ -414,6 +444,8 @@ def test_errors_of_the_system_are_pythons(tmp_path):
     table = nacre.bake("paper", solver="doubling", accuracy=5, incident_deg=[0, 40], cells=(20, 10))
     with pytest.raises(OSError):
         table.save(tmp_path / "no folder" / "table.exr")
+    with pytest.raises(OSError, match="no folder"):
+        nacre.export(table, "merl", tmp_path / "no folder" / "pearl.binary")
     with pytest.raises(TypeError):
         nacre.bake("paper", accuracy="fine")
 

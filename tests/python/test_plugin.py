@@ -683,6 +683,53 @@ def test_derivatives_are_those_of_finite_differences(variant, tables):
     check_gradient(bsdf, "lut", lambda at, x: mi.TensorXf(at * (1.0 + share * x), lut.shape), lut.array, 0.02)
 
 
+@pytest.mark.skipif(bool(LLVM_MISSING), reason=LLVM_MISSING or "")
+@pytest.mark.parametrize("light, controls", [("lamp", ["depth", "coherence", "body_color.value"]), ("sky", ["coherence", "body_color.value"])])
+def test_derivatives_of_a_picture_are_those_of_finite_differences(light, controls, tables):
+    """A sphere by `prb`, the same random numbers for derivative and differences. Under the lamp all light is found by sampling it; under
+    the sky some of it by sampling the pearl, which another control samples otherwise: differences have noise there, of 3 % for depth."""
+    use("llvm_ad_rgb")
+    at = mi.ScalarTransform4f()
+    pearl = {"type": "pearl", "filename": str(tables["decay"]), "depth": 0.5, "coherence": 0.5, "body_color": rgb([0.5, 0.4, 0.3])}
+    scene = mi.load_dict({
+        "type": "scene", "integrator": {"type": "prb", "max_depth": 2},
+        "sensor": {"type": "perspective", "fov": 40, "to_world": at.look_at([0, -3, 1.5], [0, 0, 0], [0, 0, 1]),
+                   "film": {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}}},
+        "sphere": {"type": "sphere", "bsdf": pearl},
+        "light": {"type": "point", "position": [2, -2, 3], "intensity": rgb([8, 8, 8])} if light == "lamp" else
+                 {"type": "constant", "radiance": rgb([1, 1, 1])},
+    })  # fmt: skip
+    parameters = mi.traverse(scene)
+    # Light is linear in all three.
+    spp, seed, step = (16 if light == "lamp" else 4096), 5, 0.3
+    # Red against blue: a picture of both changes by next to nothing.
+    weight = mi.TensorXf(np.broadcast_to([1.0, 0.2, -0.8], (8, 8, 3)).astype(np.float32))
+
+    def seen():
+        return float((np.array(mi.render(scene, spp=spp, seed=seed)).astype(float) * np.array(weight)).sum())
+
+    for name in controls:
+        key = f"sphere.bsdf.{name}"
+        value, moved = type(parameters[key])(parameters[key]), mi.Color3f if name.startswith("body") else mi.Float
+        x = mi.Float(0.0)
+        dr.enable_grad(x)
+        parameters[key] = value + moved(x)
+        parameters.update()
+        scene.integrator().render_backward(scene, parameters, weight, scene.sensors()[0], seed=seed, spp=spp)
+        dr.enqueue(dr.ADMode.Backward, parameters[key])
+        dr.traverse(dr.ADMode.Backward)
+        sides = []
+        for sign in (1.0, -1.0):
+            parameters[key] = value + moved(sign * step)
+            parameters.update()
+            sides.append(seen())
+        parameters[key] = value
+        parameters.update()
+        difference = (sides[0] - sides[1]) / (2.0 * step)
+        print(f"{light}, {name}: derivative {dr.grad(x)[0]:.6g} over difference {difference:.6g}")
+        assert abs(dr.grad(x)[0] / difference - 1.0) < 0.01, (light, name)
+
+
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral"])
 def test_derivatives_hold_at_the_ends_of_the_ranges(variant, tables):
     """Where a control is 0 or 1: one-sided differences of second order. Parameters stay single numbers there."""

@@ -22,6 +22,7 @@
 
 mod controls;
 mod eval;
+pub mod export;
 mod facets;
 mod lobes;
 pub mod measured;

@@ -62,7 +62,7 @@ def bake(
     all cores.
 
     `progress` is called with the share of the work that is done and the seconds it took, up to twenty times a second. Ctrl-C stops a
-    bake at once (what doubling has begun goes on in the background to its end); so does an exception in `progress`.
+    bake at once; so does an exception in `progress`. (Placing rows and colours of irregular stacks go on in the background to their end.)
     """
 
 def walk_shard(
@@ -159,6 +159,14 @@ class Pearl:
 
 def arrays(table: _Table) -> dict[str, _Single]:
     """All that an evaluation reads, by name: docs/ARRAYS.md."""
+
+def export(table: _Table, format: str, path: _Path) -> dict[str, Any]:
+    """Writes a table, with the look of its recipe, for another program, whole or not at all; what `lut export --json` prints of it, the
+    error of the round trip included.
+
+    Formats: "arrays" (.npz of `arrays`), "bsdf-rgb" and "bsdf-spectral" (tensor files for Mitsuba's `measured`; pbrt-v4 reads the spectral
+    one only), "merl" (.binary, made reciprocal).
+    """
 
 def diff(a: _Table, b: _Table) -> dict[str, Any]:
     """How two tables differ, and whether more than their errors explain (`significant`): what `lut diff --json` prints."""

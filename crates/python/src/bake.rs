@@ -22,6 +22,8 @@ use std::time::{Duration, Instant};
 
 /// Between two looks at signals.
 const TICK: Duration = Duration::from_millis(50);
+/// What the system calls the thread that works.
+const THREAD: &str = "nacre-bake";
 
 /// What the thread that works and the one that waits for it share.
 struct Shared<T> {
@@ -219,7 +221,8 @@ pub(crate) fn watched<T: Send + 'static>(
         ended: Condvar::new(),
     });
     let ending = Ending(Arc::clone(&shared));
-    std::thread::spawn(move || {
+    let thread = std::thread::Builder::new().name(THREAD.to_owned());
+    let spawned = thread.spawn(move || {
         let shared = &ending.0;
         let share = |progress: &Progress<'_>| {
             let share = progress.crossings() as f64 / progress.expected_crossings;
@@ -228,6 +231,7 @@ pub(crate) fn watched<T: Send + 'static>(
         let result = work(&Observer { stop: &shared.stop, progress: &share, ..Observer::idle() });
         *shared.outcome.lock().unwrap_or_else(PoisonError::into_inner) = Outcome::Ended(Box::new(result));
     });
+    spawned.map_err(failure)?;
     wait(py, &shared, progress)
 }
 

@@ -24,7 +24,7 @@ mod _nacre {
     #[pymodule_export]
     use crate::look::effects;
     #[pymodule_export]
-    use crate::ops::{arrays, check, diff, plan_pearls};
+    use crate::ops::{arrays, check, diff, export, plan_pearls};
     #[pymodule_export]
     use crate::pearl::Pearl;
     #[pymodule_export]

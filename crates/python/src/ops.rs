@@ -2,7 +2,7 @@
 
 use crate::bake::{parse_solver, watched};
 use crate::convert::{array, to_python};
-use crate::errors::{field, input};
+use crate::errors::{failure, field, input, of_io};
 use crate::look::{RECIPE, view};
 use crate::pearl::table_of;
 use crate::recipe::Recipe;
@@ -11,10 +11,15 @@ use bake_brdf::bake::{BakeError, implied};
 use bake_brdf::effects::Setting;
 use bake_brdf::options::{Options, Target};
 use bake_brdf::plan::{Plan, PlanError, ScenePearl};
+use lut_io::atomic;
+use pearl_bsdf::PearlBsdf;
+use pearl_bsdf::export::{Export, Format};
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
 use serde_json::json;
 use std::collections::HashMap;
+use std::io;
+use std::path::PathBuf;
 
 /// All that an evaluation reads, by name (docs/ARRAYS.md): single numbers and f32 arrays.
 #[pyfunction]
@@ -27,6 +32,33 @@ pub(crate) fn arrays<'py>(py: Python<'py>, table: &Bound<'py, PyAny>) -> PyResul
         dict.set_item(name, array(py, &shape, values)?)?;
     }
     Ok(dict)
+}
+
+/// Writes a table for another program, and says what was written or how far it is from the table.
+#[pyfunction]
+pub(crate) fn export<'py>(
+    py: Python<'py>,
+    table: &Bound<'py, PyAny>,
+    format: &str,
+    path: PathBuf,
+) -> PyResult<Bound<'py, PyAny>> {
+    let Some(format) = Format::ALL.into_iter().find(|known| known.name() == format) else {
+        let names = Format::ALL.map(Format::name).join(", ");
+        return Err(field("format", format_args!("{format:?} is not one of {names}")));
+    };
+    let table = table_of(table)?;
+    let table = table.get();
+    let written = |error: io::Error| of_io(&path, &error);
+    // Before the work.
+    atomic::check(&path).map_err(written)?;
+    let export = py.detach(|| {
+        let prepared = table.prepared().map_err(input)?;
+        let look = prepared.look();
+        let bsdf = PearlBsdf::new(prepared, look).map_err(input)?;
+        Export::new(&bsdf, table.name(), format).map_err(failure)
+    })?;
+    py.detach(|| atomic::write(&path, &export.bytes)).map_err(written)?;
+    to_python(py, &export.report(&path))
 }
 
 /// How two tables differ, and whether more than their errors explain: what `lut diff --json` prints.

@@ -38,6 +38,11 @@ impl Table {
         Ok(Arc::clone(self.prepared.get_or_init(|| made)))
     }
 
+    /// The name of its pearl.
+    pub(crate) fn name(&self) -> &str {
+        self.inner.meta().recipe_name().unwrap_or("pearl")
+    }
+
     /// The table as it is read between nodes.
     pub(crate) fn interpolant(&self) -> Interpolant {
         Interpolant::new(Arc::clone(&self.inner))

@@ -3,7 +3,7 @@
 use super::cells::cell_shares;
 use super::halfway::{self, Reading, Row};
 use super::reading::Missed;
-use super::{BakeError, Bands, Request};
+use super::{BakeError, Bands, Observer, Request};
 use crate::bake::sampling::Sampling;
 use crate::effects::{Effect, EffectSet};
 use crate::options::{SolverChoice, Target};
@@ -192,11 +192,13 @@ pub(super) fn doubled(
     transport: &Transport,
     axis: &ExitAxis,
     solution: &Solution,
-) -> Solved {
+    observer: &Observer<'_>,
+) -> Result<Solved, BakeError> {
     let stored = request.grid.incident_deg.len();
     let incidences: Vec<Incidence> = (0..stored)
         .into_par_iter()
         .map(|i| {
+            observer.go_on()?;
             let summary = doubling_summary(solution, i, request.grid.incident_deg[i]);
             let missed = solver_part(solution, i);
             let [interior, surface, rehit] = cell_shares(axis, solution, i);
@@ -214,14 +216,15 @@ pub(super) fn doubled(
                             share,
                         }
                     });
-            Incidence { summary, components, missed, noise: 0.0 }
+            Ok(Incidence { summary, components, missed, noise: 0.0 })
         })
-        .collect();
+        .collect::<Result<_, BakeError>>()?;
     let doubling::Settings { nodes, modes, reach, density, .. } = solution.settings;
     let settings =
         |interpolation| SolverSettings::Doubling(Doubling { density, interpolation, modes, nodes, reach });
+    observer.go_on()?;
     let reading = |_: &[Row]| halfway::measured(&request.recipe, axis, solution, stored);
-    solved(request, transport, axis, settings, incidences, reading)
+    Ok(solved(request, transport, axis, settings, incidences, reading))
 }
 
 /// The lobe of a pearl that shows none.

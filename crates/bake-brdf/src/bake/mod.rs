@@ -35,7 +35,7 @@ use lut_io::axis::ExitAxis;
 use lut_io::table::Table;
 use sampling::Sampling;
 use snapshot::Snapshot;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use transport::doubling::{self, DoublingError};
 use transport::{Light, Transport};
@@ -66,10 +66,19 @@ pub enum BakeError {
     Input(String),
     /// Doubling does not reach its target; the walk may.
     #[error("solver: doubling: {0}")]
-    Doubling(#[from] DoublingError),
+    Doubling(DoublingError),
     /// The observer asked to stop.
     #[error("interrupted; nothing was written")]
     Interrupted,
+}
+
+impl From<DoublingError> for BakeError {
+    fn from(error: DoublingError) -> Self {
+        match error {
+            DoublingError::Stopped => Self::Interrupted,
+            other => Self::Doubling(other),
+        }
+    }
 }
 
 /// Watches a bake, and can stop it.
@@ -90,6 +99,11 @@ impl Observer<'_> {
     pub const fn idle() -> Self {
         static NEVER: AtomicBool = AtomicBool::new(false);
         Self { stop: &NEVER, progress: &|_| (), forecast: &|_| (), checkpoint: None }
+    }
+
+    /// Whether the bake is still wanted.
+    pub(crate) fn go_on(&self) -> Result<(), BakeError> {
+        if self.stop.load(Ordering::Relaxed) { Err(BakeError::Interrupted) } else { Ok(()) }
     }
 }
 
@@ -150,7 +164,7 @@ fn lobeless(request: &Request) -> Result<Table, BakeError> {
 pub fn bake(request: &Request, observer: &Observer<'_>) -> Result<Table, BakeError> {
     let bands = request.bands()?;
     if solver(request, &bands)? == SolverChoice::Doubling {
-        match doubling(request, &bands) {
+        match doubling_watched(request, &bands, observer) {
             Err(BakeError::Doubling(_)) if may_walk(request) => {}
             table => return table,
         }
@@ -169,6 +183,11 @@ pub fn may_walk(request: &Request) -> bool {
 /// # Errors
 /// A target of paths or time, or a problem out of the solver's reach; the message says what would do.
 pub fn doubling(request: &Request, bands: &Bands) -> Result<Table, BakeError> {
+    doubling_watched(request, bands, &Observer::idle())
+}
+
+/// [`doubling()`] that an observer can stop.
+fn doubling_watched(request: &Request, bands: &Bands, observer: &Observer<'_>) -> Result<Table, BakeError> {
     let both_sides = request.options.sides == Sides::Both;
     let refuse = |why: &str| Err(OptionError::new("both_sides", why).into());
     if !request.effects.has_lobe() {
@@ -188,7 +207,7 @@ pub fn doubling(request: &Request, bands: &Bands) -> Result<Table, BakeError> {
     let mut solved = Vec::new();
     for nm in bands.all_nm() {
         let request = request.at_wavelength(nm);
-        let (lobe, side) = doubled(&request, &request.transport()?, &axis, percent)?;
+        let (lobe, side) = doubled(&request, &request.transport()?, &axis, percent, observer)?;
         solved.push(lobe);
         second_side = second_side.or(side);
     }
@@ -219,6 +238,7 @@ fn doubled(
     transport: &Transport,
     axis: &ExitAxis,
     percent: f64,
+    observer: &Observer<'_>,
 ) -> Result<(Solved, Option<SecondSide>), BakeError> {
     let both_sides = request.options.sides == Sides::Both;
     if transport.facets.slope_sd == 0.0 {
@@ -229,8 +249,9 @@ fn doubled(
     }
     let share = (SOLVER_SHARE * percent / 100.0).min(COARSEST_DOUBLING);
     let theta_i = reading::with_middles(&request.theta_i());
-    let solution = doubling::solve_to(transport, request.geometry(), &theta_i, share, both_sides)?;
-    let solved = assemble::doubled(request, transport, axis, &solution);
+    let solution =
+        doubling::solve_to_unless(observer.stop, transport, request.geometry(), &theta_i, share, both_sides)?;
+    let solved = assemble::doubled(request, transport, axis, &solution, observer)?;
     let below = solution.from_below.as_ref();
     Ok((solved, below.map(|below| second_side::of(request, transport, axis, &solution, below))))
 }
@@ -383,4 +404,42 @@ fn doubling_seconds(request: &Request, transports: &[Transport], percent: f64) -
             choice::solver_seconds(request.geometry(), &counts)
         })
         .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::options::Options;
+    use crate::recipe::Recipe;
+
+    #[test]
+    fn a_doubling_that_is_stopped_gives_no_table() {
+        let options = Options {
+            solver: Some(SolverChoice::Doubling),
+            incident_deg: Some(vec![0.0, 40.0]),
+            cells: Some([20, 10]),
+            target: Target::AccuracyPercent(5.0),
+            ..Options::default()
+        };
+        let request = Request::new(Recipe::default(), options).unwrap();
+        let stop = AtomicBool::new(false);
+        let observer = Observer { stop: &stop, ..Observer::idle() };
+        assert!(bake(&request, &observer).is_ok());
+        stop.store(true, Ordering::Relaxed);
+        assert!(matches!(bake(&request, &observer), Err(BakeError::Interrupted)));
+    }
+
+    #[test]
+    fn rows_of_a_doubling_are_not_made_once_it_is_stopped() {
+        let options = Options { incident_deg: Some(vec![0.0]), cells: Some([20, 10]), ..Options::default() };
+        let request = Request::new(Recipe::default(), options).unwrap();
+        let (transport, axis) = (request.transport().unwrap(), request.exit_axis());
+        let theta_i = reading::with_middles(&request.theta_i());
+        let solution = doubling::solve_to(&transport, request.geometry(), &theta_i, 0.05, false).unwrap();
+        let stop = AtomicBool::new(true);
+        let observer = Observer { stop: &stop, ..Observer::idle() };
+        let made = assemble::doubled(&request, &transport, &axis, &solution, &observer);
+        assert!(matches!(made, Err(BakeError::Interrupted)));
+        assert!(assemble::doubled(&request, &transport, &axis, &solution, &Observer::idle()).is_ok());
+    }
 }

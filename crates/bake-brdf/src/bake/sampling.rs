@@ -7,7 +7,6 @@ use lut_io::axis::ExitAxis;
 use lut_io::measure;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use transport::walk::lanes::{Precision, Walker};
@@ -320,9 +319,7 @@ impl Sampling {
     ) -> Result<(), BakeError> {
         let walked = Mutex::new(self.state.tallies.clone());
         slice.par_iter().try_for_each(|task| {
-            if observer.stop.load(Ordering::Relaxed) {
-                return Err(BakeError::Interrupted);
-            }
+            observer.go_on()?;
             let tally = self.walk_task(task);
             let mut tallies = walked.lock().unwrap_or_else(PoisonError::into_inner);
             tallies[task.lobe].add(&tally);
@@ -332,7 +329,7 @@ impl Sampling {
                 spreads,
                 expected_crossings: expected,
             });
-            Ok(())
+            Ok::<_, BakeError>(())
         })?;
         self.state.tallies = walked.into_inner().unwrap_or_else(PoisonError::into_inner);
         for task in slice {

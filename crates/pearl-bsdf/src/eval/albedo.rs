@@ -54,17 +54,17 @@ impl AtBand<'_> {
         let cos_i = theta_i.cos();
         let at_i = Place::of_cos(cos_i);
         let (mut mirror, mut blur) = ([0.0; 3], [0.0; 3]);
-        let add = |sum: &mut [f64; 3], mass: f64, cos_d: f64| {
-            let factor = self.rgb.lobe_factor(at_i, Place::of_cos(cos_d));
+        let add = |sum: &mut [f64; 3], mass: f64, at_d: Place| {
+            let factor = self.rgb.lobe_factor(at_i, at_d);
             (0..3).for_each(|c| sum[c] += mass * factor[c]);
         };
         self.band.facets.integrate_exits(&Rules::new(), cos_i, |mass, cos_d, cos_o| {
             let scale = self.mirror_factor(at_i, Place::of_cos(cos_o), cos_o);
-            add(&mut mirror, mass * scale, cos_d);
+            add(&mut mirror, mass * scale, Place::of_cos(cos_d));
         });
-        integral::integrate(&self.band.lobes, theta_i, FINE, |cos_d, [interior, rehit]| {
-            add(&mut mirror, rehit, cos_d);
-            add(&mut blur, interior, cos_d);
+        integral::integrate(&self.band.lobes, theta_i, FINE, |at_d, [interior, rehit]| {
+            add(&mut mirror, rehit, at_d);
+            add(&mut blur, interior, at_d);
         });
         let [diffuse, incoherent] = match viewer {
             Viewer::AtExit => self.rgb.base_albedo(at_i, mean_weights),

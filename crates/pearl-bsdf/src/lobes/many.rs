@@ -1,12 +1,12 @@
 //! The lobes of many pairs at once.
 
-use super::{Between, DENSITIES, Lobes, SpanCurves};
+use super::{Between, DENSITIES, Incidence, Lobes, SpanCurves, Values};
 use super::{
     azimuth_of, concentration_of_sine, densities_of_plane, fraction_of_span, guide_step, restore, restored,
     scale_of_space,
 };
 use crate::lobes::azimuth::{self, Forward, NARROW, narrow_decay};
-use crate::numerics::angles::{self, INVERSE_TAU};
+use crate::numerics::angles::{self, INVERSE_TAU, Polar};
 use crate::numerics::lanes::{Directions, LANES, Lane, Single, Steps, each, put};
 use crate::numerics::warp::{Cell, Warp};
 
@@ -19,6 +19,22 @@ pub(crate) struct Incidences {
     gains: [Single; 2],
     /// As in [`super::Incidence`].
     pub(crate) azimuth: Single,
+}
+
+/// The lobes at one pair of polar angles, for any azimuth.
+pub(crate) struct Ring {
+    at: Incidence,
+    /// What takes the values over to the way there.
+    taken_over: f64,
+    exit: RingExit,
+}
+
+/// What is read at an exit.
+enum RingExit {
+    /// Decay tables: ahead and behind, and the concentration of the decay.
+    Plane { forward: Values, retro: Values, concentration: f32 },
+    /// Space tables: the column.
+    Space(Cell),
 }
 
 /// Cells around an exit, with dposition/dx there.
@@ -84,6 +100,48 @@ impl Lobes {
             each!(sin = sin, cos = cos, moved = moved => [self.row_width(sin, cos, moved)])
         };
         Incidences { between, along, centre, gains, azimuth }
+    }
+
+    /// The lobes at a pair of polar angles; in reciprocal tables values are read at the larger one.
+    #[inline(always)]
+    pub(crate) fn ring(&self, at: &Incidence, i: &Polar, o: &Polar) -> Ring {
+        let turned = self.reciprocal && o.theta > i.theta;
+        let (at, exit, taken_over) =
+            if turned { (self.incidence(o), i, o.cos / i.cos) } else { (*at, o, 1.0) };
+        let exit = if self.signed() {
+            let [forward, retro] = at
+                .columns
+                .positions([exit.theta, -exit.theta])
+                .map(|(position, _)| self.read(at.between, 0, Cell::new(position, self.columns)));
+            RingExit::Plane { forward, retro, concentration: at.azimuth * exit.sin as f32 }
+        } else {
+            RingExit::Space(Cell::new(at.columns.position(exit.theta).0, self.columns))
+        };
+        Ring { at, taken_over, exit }
+    }
+
+    /// Values of [`Self::light`] at azimuths around a ring, y2 = sin²(φ/2): interior and rehit.
+    #[inline(always)]
+    pub(crate) fn values_around(&self, Ring { at, taken_over, exit }: &Ring, y2: &Lane) -> [Lane; 2] {
+        let mut found = [[0.0; LANES]; 2];
+        match exit {
+            RingExit::Plane { forward, retro, concentration } => {
+                let [y2] = each!(y2 = y2 => [y2 as f32]);
+                let share = decays(&[*concentration; LANES], &y2);
+                found = each!(share = share => {
+                    restored(&at.along, &angles::between(retro, forward, share)).map(|value| value * taken_over)
+                });
+            }
+            RingExit::Space(column) => {
+                let around = self.around(at.azimuth);
+                let [row] = each!(y2 = y2 => [around.position(azimuth_of(y2)).0]);
+                for (k, row) in row.iter().enumerate() {
+                    let read = self.read_rows(at.between, Cell::new(*row, self.rows), *column);
+                    put(&mut found, k, restored(&at.along, &read).map(|value| value * taken_over));
+                }
+            }
+        }
+        found
     }
 
     /// Values of [`Self::light`] of every lane: interior and rehit.

@@ -202,10 +202,13 @@ impl Lobes {
         step_of(fraction * self.span_steps as f32, (self.span_steps - 1) as f32)
     }
 
-    /// A width in φ, radians, that resolves the decay around the mirror direction.
+    /// A width in φ, radians, that resolves the decay of a decay table around the mirror direction, from [`Self::LEAST_DECAY_WIDTH`] to 1.
     pub(crate) fn decay_width(&self, at: &Incidence, sin_o: f64) -> f64 {
-        if self.signed() { (0.5 / (f64::from(at.azimuth) * sin_o).sqrt()).clamp(1e-7, 1.0) } else { 1.0 }
+        (0.5 / (f64::from(at.azimuth) * sin_o).sqrt()).clamp(Self::LEAST_DECAY_WIDTH, 1.0)
     }
+
+    /// The narrowest decay that is resolved, radians.
+    pub(crate) const LEAST_DECAY_WIDTH: f64 = 1e-7;
 
     /// The span of θi, and how far along it.
     #[inline(always)]

@@ -108,6 +108,17 @@ impl Place {
         histogram[self.index] += (1.0 - fraction) * mass;
         histogram[self.index + 1] += fraction * mass;
     }
+
+    /// Adds two masses here to two histograms side by side.
+    #[inline(always)]
+    pub(crate) fn deposit_each(self, masses: [f64; 2], histograms: &mut [[f64; 2]]) {
+        let fraction = f64::from(self.fraction);
+        let [here, next] = &mut histograms[self.index..self.index + 2] else { return };
+        for k in 0..2 {
+            here[k] += (1.0 - fraction) * masses[k];
+            next[k] += fraction * masses[k];
+        }
+    }
 }
 
 /// cos θ of a node.

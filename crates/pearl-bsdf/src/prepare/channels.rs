@@ -18,6 +18,8 @@ use std::f64::consts::FRAC_PI_2;
 /// closer towards the horizon, where lobes change faster.
 const TALLIES: usize = STEPS / STEPS_PER_TALLY + 1;
 const STEPS_PER_TALLY: usize = 8;
+/// Channels that are summed side by side.
+const BLOCK: usize = 8;
 
 /// Channels of one kind, of all bands.
 #[derive(Clone, Debug)]
@@ -135,16 +137,35 @@ impl Means {
 
     /// Light where the colour of the lobes is this one over θd.
     pub(super) fn light(&self, colour: &[f64]) -> Light {
-        let albedo = [0, 1, 2].map(|part| {
-            let mean = |tally: &[Vec<f64>; 3]| -> f64 {
-                tally[part].iter().zip(colour).map(|(mass, colour)| mass * colour).sum()
-            };
-            let spline = Spline::new(self.half_angles.iter().map(mean).collect());
+        self.lights([colour]).swap_remove(0)
+    }
+
+    /// Light of several colours, which share the passes over the histograms.
+    pub(super) fn lights<const N: usize>(&self, colours: [&[f64]; N]) -> Vec<Light> {
+        let by_node: Vec<[f64; N]> = (0..NODES).map(|node| colours.map(|colour| colour[node])).collect();
+        let mut means: [[Vec<f64>; 3]; N] = std::array::from_fn(|_| <[Vec<f64>; 3]>::default());
+        for tally in &self.half_angles {
+            for (part, mass) in tally.iter().enumerate() {
+                let mut sums = [0.0; N];
+                for (mass, colours) in mass.iter().zip(&by_node) {
+                    sums.iter_mut().zip(colours).for_each(|(sum, colour)| *sum += mass * colour);
+                }
+                means.iter_mut().zip(sums).for_each(|(means, sum)| means[part].push(sum));
+            }
+        }
+        means.into_iter().map(|means| self.light_of(means)).collect()
+    }
+
+    /// Light by the means of a colour over where the three have their half-vector angles, at the tallied incidences.
+    fn light_of(&self, means: [Vec<f64>; 3]) -> Light {
+        let mut albedo = means.into_iter().zip(&self.albedo).map(|(means, albedo)| {
+            let spline = Spline::new(means);
             let at = |(node, albedo): (usize, &f64)| {
                 albedo * spline.at(node as f64 / STEPS_PER_TALLY as f64).max(0.0)
             };
-            self.albedo[part].iter().enumerate().map(at).collect::<Vec<f64>>()
+            albedo.iter().enumerate().map(at).collect::<Vec<f64>>()
         });
+        let albedo: [Vec<f64>; 3] = std::array::from_fn(|_| albedo.next().unwrap_or_default());
         let [interior, rehit, single] = &albedo;
         let rest = curve::curve(|node| 1.0 - (interior[node] + rehit[node] + single[node]));
         Light { albedo: albedo.each_ref().map(|albedo| curve::curve(|node| albedo[node])), rest }
@@ -170,9 +191,14 @@ impl Means {
         let Some(modulation) = modulation else {
             return vec![Coloured { modulation: curve::curve(|_| 1.0), light: plain.clone() }; count];
         };
-        let channel =
-            |m: &Vec<f64>| Coloured { modulation: curve::curve(|node| m[node]), light: self.light(m) };
-        modulation.par_iter().map(channel).collect()
+        let block = |m: &[Vec<f64>]| {
+            let last = m.len() - 1;
+            let lights = self.lights::<BLOCK>(std::array::from_fn(|c| &m[c.min(last)][..]));
+            let of =
+                |(m, light): (&Vec<f64>, Light)| Coloured { modulation: curve::curve(|node| m[node]), light };
+            m.iter().zip(lights).map(of).collect::<Vec<_>>()
+        };
+        modulation.par_chunks(BLOCK).flat_map_iter(block).collect()
     }
 }
 
@@ -205,15 +231,14 @@ pub(super) fn single_reflection_share(lobe: &Interpolant, theta: f64) -> f64 {
 fn half_angles(facets: &Facets, rules: &Rules, lobes: &Lobes, mirror: &Curve, node: usize) -> [Vec<f64>; 3] {
     // At 90° no light arrives; its limit is what counts.
     let theta_i = curve::theta_at(node).min(FRAC_PI_2 - 1e-6);
-    let [mut interior, mut rehit, mut single] = [0; 3].map(|_| vec![0.0; NODES]);
+    let mut single = vec![0.0; NODES];
+    let mut tabulated = vec![[0.0; 2]; NODES];
     facets.integrate_exits(rules, theta_i.cos(), |mass, cos, cos_o| {
         let seen = if lobes.reciprocal { Place::of_cos(cos_o).read(mirror) * cos_o } else { 1.0 };
         Place::of_cos(cos).deposit(mass * seen, &mut single);
     });
-    integral::integrate(lobes, theta_i, COARSE, |cos, [a, b]| {
-        Place::of_cos(cos).deposit(a, &mut interior);
-        Place::of_cos(cos).deposit(b, &mut rehit);
-    });
+    integral::integrate(lobes, theta_i, COARSE, |at, masses| at.deposit_each(masses, &mut tabulated));
+    let [interior, rehit] = [0, 1].map(|lobe: usize| tabulated.iter().map(|masses| masses[lobe]).collect());
     let mut tallies = [interior, rehit, single];
     for tally in &mut tallies {
         let total: f64 = tally.iter().sum();

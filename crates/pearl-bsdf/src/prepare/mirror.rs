@@ -4,14 +4,18 @@ use super::channels::single_reflection_share;
 use crate::facets::{Facets, Rules};
 use crate::numerics::curve::{self, Curve, NODES, Place};
 use lut_io::lobe::Interpolant;
+use rayon::prelude::*;
 
 /// Over θi: the factor that gives the closed form the single reflection's share.
-pub(super) fn scale(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Curve {
-    curve::curve(|node| {
+pub(super) fn scale(lobe: &Interpolant, facets: &Facets) -> Curve {
+    let rules = Rules::without_fringes();
+    let factor = |node: usize| {
         let mut integral = 0.0;
-        facets.integrate(rules, curve::cos_at(node), |mass, _| integral += mass);
+        facets.integrate(&rules, curve::cos_at(node), |mass, _| integral += mass);
         if integral > 0.0 { single_reflection_share(lobe, curve::theta_at(node)) / integral } else { 0.0 }
-    })
+    };
+    let factors: Vec<f64> = (0..NODES).into_par_iter().map(factor).collect();
+    curve::curve(|node| factors[node])
 }
 
 /// The curve r for which r(θi)·r(θo)·cos θo·[`Facets::reflection`] has the single reflection's share at every θi: the closed form

@@ -17,6 +17,7 @@ pub use arrays::Array;
 use channels::{Channels, Coloured, Kind, Light, Means};
 use lut_io::lobe::Interpolant;
 use lut_io::table::Table;
+use rayon::prelude::*;
 use std::sync::Arc;
 use thickness::{Scaled, Scales};
 
@@ -81,10 +82,12 @@ impl Prepared {
                 .map(|(effect, _, reason)| (effect, reason.unwrap_or_default()))
                 .collect();
         let scales = spectra.and_then(Scales::new);
-        let mut bands = vec![Band::new(table, spectral.count())?];
-        for table in further {
-            bands.push(Band::new(table.into(), spectral.count())?);
-        }
+        let tables: Vec<Arc<Table>> =
+            std::iter::once(table).chain(further.into_iter().map(Arc::new)).collect();
+        let bands: Vec<Band> = tables
+            .into_par_iter()
+            .map(|table| Band::new(table, spectral.count()))
+            .collect::<Result<_, _>>()?;
         let mut places: Vec<usize> = (0..bands.len()).collect();
         places.sort_by(|a, b| bands[*a].wavelength_nm.total_cmp(&bands[*b].wavelength_nm));
         let wavelengths = places.iter().map(|place| bands[*place].wavelength_nm).collect();
@@ -150,11 +153,10 @@ impl Band {
         let (spectra, wavelength_nm) = (meta.spectra.as_ref(), meta.wavelength_nm);
         let facets = Facets::new(&meta.surface_model);
         let lobes = Lobes::new(&lobe);
-        let rules = Rules::new();
         let mirror = if lobes.reciprocal {
-            mirror::ends(&lobe, &facets, &rules)
+            mirror::ends(&lobe, &facets, &Rules::new())
         } else {
-            mirror::scale(&lobe, &facets, &rules)
+            mirror::scale(&lobe, &facets)
         };
         let means = Means::new(&lobe, meta.reciprocal.as_ref(), &lobes, &facets, &mirror);
         let plain = means.plain();

@@ -75,10 +75,9 @@ impl Means {
         };
         let at = |rows: &Vec<[f64; 3]>| {
             let modulation = rgb(&coherent.theta_deg, rows);
-            let rest = modulation.each_ref().map(|m| {
-                let m: Vec<f64> = m.iter().map(|x| f64::from(*x)).collect();
-                self.light(&m).rest
-            });
+            let wide = modulation.each_ref().map(|m| m.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>());
+            let mut lights = self.lights(wide.each_ref().map(Vec::as_slice)).into_iter();
+            let rest = [0; 3].map(|_| lights.next().map_or_else(|| self.plain().rest, |light| light.rest));
             Scaled { modulation, rest }
         };
         thickness.modulation_rgb.par_iter().map(at).collect()

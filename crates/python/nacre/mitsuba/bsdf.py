@@ -103,7 +103,7 @@ def _pearl(base):
             # A copy: Dr.Jit lends NumPy's memory, and this one belongs to every pearl of the table.
             self.lut = types.TensorXf(self.table.values.copy())
             # The lobes at the table's own wavelength are what is sampled.
-            self.layers = [Layer(types, band) for band in self.table.bands]
+            self.layers = [Layer(types, band, sampled=band is self.table) for band in self.table.bands]
             self.tabulated, self.facets = self.layers[0].tabulated, self.layers[0].facets
             self.rgb_palette = Palette.of(self.table, "rgb")
 

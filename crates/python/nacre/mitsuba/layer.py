@@ -12,9 +12,9 @@ from .paint import Bands, Channels, Scaled
 class Layer:
     """One band: its lobes as they are read, and its colours once `paint` has the controls."""
 
-    def __init__(self, types, table):
+    def __init__(self, types, table, sampled):
         self.types, self.reciprocal = types, table.reciprocal
-        self.tabulated = Tabulated(types, table)
+        self.tabulated = Tabulated(types, table, sampled)
         self.facets = Facets(table.arrays)
         self.mirror_scale = types.store(table.mirror_scale, 1)
         # Of several bands the channels of sRGB have different shares: they are mixed before luminance is taken.

@@ -235,10 +235,10 @@ class Incidence:
 
 
 class Tabulated:
-    """The lobes interior and rehit, read by the rule of docs/LUT-FORMAT.md §4 and sampled."""
+    """The lobes interior and rehit, read by the rule of docs/LUT-FORMAT.md §4 and, if that is wanted, sampled."""
 
-    def __init__(self, types, table):
-        self.types = types
+    def __init__(self, types, table, sampled):
+        self.types, self.sampled = types, sampled
         self.axis = table.axis
         self.columns, self.rows, self.incidences = table.axis.columns, table.axis.rows, len(table.theta)
         self.rows_of_spans, self.spans = table.rows_of_spans, table.spans
@@ -283,6 +283,8 @@ class Tabulated:
         else:
             value, sampled = (dr.unravel(types.Vector2f, array) for array in (data, types.array(density)))
             self.cells = types.Store(types, dr.ravel(types.Vector4f(value.x, value.y, sampled.x, sampled.y)), 4)
+        if not self.sampled:
+            return
         self.total = types.store(total, 2)
         scale = lambda sums: np.divide(1.0, sums, out=np.zeros_like(sums), where=sums > 0.0)  # noqa: E731
         # Distribution functions of each row, and of the φ rows of an incidence, normalised; lobe-major.
@@ -353,7 +355,7 @@ class Tabulated:
         index = dr.minimum(types.floor(step), self.span_steps - 1)
         record = span * (self.span_steps + 1) + index
         interior, rehit, width, _ = self.along.between(record, step - types.Float(index), active)
-        shares = self.shares.between(record, step - types.Float(index), active)
+        shares = self.shares.between(record, step - types.Float(index), active) if self.sampled else []
         cap, total = shares[:2], shares[2:]
 
         w2 = self.axis.width**2

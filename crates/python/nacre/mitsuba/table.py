@@ -25,6 +25,24 @@ class PearlError(InputError):
     """A table or a parameter that makes no BSDF; the message names it, and what would be right."""
 
 
+class Doubles(dict):
+    """Arrays in double precision, each made where it is first asked for."""
+
+    def __init__(self, stored):
+        super().__init__()
+        self.stored = stored
+
+    def __missing__(self, name):
+        self[name] = doubles = self.stored[name].astype(float)
+        return doubles
+
+    def of_band(self, band):
+        """Those of one band alone."""
+        own = slice(band, band + 1)
+        of = lambda name, array: array[own] if name in _BY_BAND else array[:, own] if name in _BY_SCALE_AND_BAND else array  # noqa: E731
+        return Doubles({name: of(name, array) for name, array in self.stored.items()})
+
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """The lobes of a table at one wavelength, with all that evaluating them needs; angles are radians. Lobes come in the order
@@ -32,24 +50,20 @@ class Table:
 
     name: str
     meta: dict = field(repr=False)
-    arrays: dict = field(repr=False)
+    arrays: Doubles = field(repr=False)
     #: What `colours` makes of it, by kind.
     palettes: dict = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, stored, name):
         """Of a `nacre.Table`."""
-        return cls(name, stored.meta, {name: array.astype(float) for name, array in arrays(stored).items()})
+        return cls(name, stored.meta, Doubles(arrays(stored)))
 
     @cached_property
     def bands(self):
         """The table at each of its wavelengths, its own first."""
-        def at(k):
-            of = lambda name, array: array[:, k : k + 1] if name in _BY_SCALE_AND_BAND else array[k : k + 1] if name in _BY_BAND else array  # noqa: E731
-            return {name: of(name, array) for name, array in self.arrays.items()}
-
         further = range(1, len(self.arrays["wavelength_nm"]))
-        return [self, *(replace(self, arrays=at(k), palettes={}) for k in further)]
+        return [self, *(replace(self, arrays=self.arrays.of_band(k), palettes={}) for k in further)]
 
     @cached_property
     def axis(self):

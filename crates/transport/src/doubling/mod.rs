@@ -22,6 +22,7 @@ mod star;
 mod surface;
 
 use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use num_complex::Complex64;
 use rayon::prelude::*;
@@ -44,6 +45,9 @@ use crate::{Geometry, Light, Transport};
 /// Resolutions that [`solve_to`] tries, and of the light from below, whose accuracy is not promised.
 const ATTEMPTS: usize = 6;
 const ATTEMPTS_BELOW: usize = 3;
+
+/// Of what nobody stops.
+static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// Columns of one interface at the grid's nodes: from the side of the medium named first, and from the other.
 struct Sides {
@@ -76,32 +80,44 @@ pub fn solve(
     theta_i: &[f64],
     settings: &Settings,
 ) -> Result<Solution, DoublingError> {
-    let mut solution = solve_side(transport, geometry, theta_i, settings)?;
+    solve_unless(&NEVER, transport, geometry, theta_i, settings)
+}
+
+fn solve_unless(
+    stop: &AtomicBool,
+    transport: &Transport,
+    geometry: Geometry,
+    theta_i: &[f64],
+    settings: &Settings,
+) -> Result<Solution, DoublingError> {
+    let mut solution = solve_side(stop, transport, geometry, theta_i, settings)?;
     if settings.both_sides {
-        let turned = solve_side(&transport.upside_down(), geometry, theta_i, settings)?;
+        let turned = solve_side(stop, &transport.upside_down(), geometry, theta_i, settings)?;
         solution.from_below = Some(Box::new(turned));
     }
     Ok(solution)
 }
 
 fn solve_side(
+    stop: &AtomicBool,
     transport: &Transport,
     geometry: Geometry,
     theta_i: &[f64],
     settings: &Settings,
 ) -> Result<Solution, DoublingError> {
     settings.check(transport, geometry, theta_i)?;
-    let plan = Plan::new(transport, geometry, settings)?;
+    let plan = Plan::new(stop, transport, geometry, settings)?;
     let incident = plan.incident(theta_i);
     // A mode's matrices go as soon as it is solved.
     let modes = 0..settings.modes_in(geometry);
-    let results = modes.into_par_iter().map(|mode| plan.mode(mode).solve(&incident, mode)).collect();
+    let results = modes.into_par_iter().map(|mode| Ok(plan.mode(mode)?.solve(&incident, mode)));
+    let results = results.collect::<Result<_, DoublingError>>()?;
     Ok(Solution::assemble(transport, theta_i, *settings, plan.grid, &incident, results))
 }
 
 /// A stack at one resolution, solved for light from any direction above: further incidences cost a few products each.
 pub struct Operator {
-    plan: Plan,
+    plan: Plan<'static>,
     modes: Vec<Mode>,
 }
 
@@ -116,8 +132,9 @@ impl Operator {
         settings: &Settings,
     ) -> Result<Self, DoublingError> {
         settings.check(transport, geometry, &[])?;
-        let plan = Plan::new(transport, geometry, settings)?;
-        let modes = (0..settings.modes_in(geometry)).into_par_iter().map(|mode| plan.mode(mode)).collect();
+        let plan = Plan::new(&NEVER, transport, geometry, settings)?;
+        let modes = (0..settings.modes_in(geometry)).into_par_iter().map(|mode| plan.mode(mode));
+        let modes = modes.collect::<Result<_, _>>()?;
         Ok(Self { plan, modes })
     }
 
@@ -136,7 +153,9 @@ impl Operator {
 }
 
 /// What the modes of a stack are solved from.
-struct Plan {
+struct Plan<'s> {
+    /// Set from anywhere to stop at the next interface or layer.
+    stop: &'s AtomicBool,
     transport: Transport,
     settings: Settings,
     grid: Grid,
@@ -145,8 +164,13 @@ struct Plan {
     sides: HashMap<(Bits, Bits), Sides>,
 }
 
-impl Plan {
-    fn new(transport: &Transport, geometry: Geometry, settings: &Settings) -> Result<Self, DoublingError> {
+impl<'s> Plan<'s> {
+    fn new(
+        stop: &'s AtomicBool,
+        transport: &Transport,
+        geometry: Geometry,
+        settings: &Settings,
+    ) -> Result<Self, DoublingError> {
         if transport.sheets.is_some() {
             return Err(DoublingError::WalkOnly("coherent sheets are walked only: use the walk"));
         }
@@ -163,6 +187,7 @@ impl Plan {
         }
         let elements = elements(transport);
         let mut plan = Self {
+            stop,
             transport: transport.clone(),
             settings: *settings,
             grid: Grid::new(geometry, settings.nodes),
@@ -176,6 +201,7 @@ impl Plan {
         let pairs: Vec<(Complex64, Complex64)> =
             std::iter::once(top).chain(cells.map(|e| (e.above, e.below))).collect();
         for (above, below) in pairs {
+            plan.go_on()?;
             let known = plan.sides.contains_key(&key(above, below));
             if !known && (above != below || (above, below) == top) {
                 let side = |from: Complex64, to: Complex64| {
@@ -186,6 +212,11 @@ impl Plan {
             }
         }
         Ok(plan)
+    }
+
+    /// Refuses to where the solution is not wanted any more.
+    fn go_on(&self) -> Result<(), DoublingError> {
+        if self.stop.load(Ordering::Relaxed) { Err(DoublingError::Stopped) } else { Ok(()) }
     }
 
     fn interface(&self, from: Complex64, to: Complex64) -> Interface {
@@ -201,12 +232,12 @@ impl Plan {
     }
 
     /// One mode of the whole stack.
-    fn mode(&self, mode: usize) -> Mode {
+    fn mode(&self, mode: usize) -> Result<Mode, DoublingError> {
         let top = self.resolved(self.transport.index(0), self.transport.index(1), mode);
         let Slab { r_below, t_below, .. } = top.slab();
-        let Slab { r: body_r, t: body_t, .. } = self.body(mode);
+        let Slab { r: body_r, t: body_t, .. } = self.body(mode)?;
         let between = Resolvent::new(r_below.times(&body_r));
-        Mode { top, t_below, body_r, body_t, between }
+        Ok(Mode { top, t_below, body_r, body_t, between })
     }
 
     fn resolved(&self, above: Complex64, below: Complex64, mode: usize) -> Resolved {
@@ -224,17 +255,17 @@ impl Plan {
     }
 
     /// The layers and interfaces below interface 0 in one mode.
-    fn body(&self, mode: usize) -> Slab {
+    fn body(&self, mode: usize) -> Result<Slab, DoublingError> {
         let mut interfaces: HashMap<(Bits, Bits), Slab> = HashMap::new();
         let mut body: Option<Slab> = None;
         for run in self.runs.iter().rev() {
-            let top = self.run(run, mode, &mut interfaces);
+            let top = self.run(run, mode, &mut interfaces)?;
             body = Some(match body {
                 None => top,
                 Some(lower) => top.above(&lower),
             });
         }
-        body.unwrap_or_else(|| Slab::nothing(self.grid.len()))
+        Ok(body.unwrap_or_else(|| Slab::nothing(self.grid.len())))
     }
 
     fn interface_slab(
@@ -265,17 +296,24 @@ impl Plan {
         }
     }
 
-    fn run(&self, run: &Run, mode: usize, known: &mut HashMap<(Bits, Bits), Slab>) -> Slab {
+    fn run(
+        &self,
+        run: &Run,
+        mode: usize,
+        known: &mut HashMap<(Bits, Bits), Slab>,
+    ) -> Result<Slab, DoublingError> {
+        self.go_on()?;
         let cell = &self.elements[run.start..run.start + run.period];
         if run.period == 2 && run.count > 1 {
-            return self.pairs(cell[0], cell[1], run.count, mode, known);
+            return Ok(self.pairs(cell[0], cell[1], run.count, mode, known));
         }
         let mut slab = self.element(&cell[run.period - 1], mode, known);
         for element in cell[..run.period - 1].iter().rev() {
+            self.go_on()?;
             slab = self.element(element, mode, known).above(&slab);
         }
         let lossless = mode == 0 && cell.iter().all(|element| element.depth == 0.0);
-        slab.power(run.count, lossless)
+        Ok(slab.power(run.count, lossless))
     }
 
     /// `count` pairs of layers a, c. With half of a's absorption on either side the cell ½a·I(a|c)·c·I(c|a)·½a is
@@ -358,6 +396,21 @@ pub fn solve_to(
     total_variation: f64,
     both_sides: bool,
 ) -> Result<Solution, DoublingError> {
+    solve_to_unless(&NEVER, transport, geometry, theta_i, total_variation, both_sides)
+}
+
+/// [`solve_to`], which stops soon after `stop` is set, from anywhere.
+///
+/// # Errors
+/// As [`solve_to`]; [`DoublingError::Stopped`].
+pub fn solve_to_unless(
+    stop: &AtomicBool,
+    transport: &Transport,
+    geometry: Geometry,
+    theta_i: &[f64],
+    total_variation: f64,
+    both_sides: bool,
+) -> Result<Solution, DoublingError> {
     if !(1e-9..=0.5).contains(&total_variation) {
         let expected = "from 1e-9 to 0.5";
         return Err(DoublingError::Domain { field: "total_variation", value: total_variation, expected });
@@ -365,14 +418,14 @@ pub fn solve_to(
     let mut settings = Settings::for_accuracy(transport, geometry, total_variation);
     // Attempts that each could be paid for can be too dear together.
     let mut spent = settings.check_first_attempt(transport, geometry, theta_i)?;
-    let mut coarse = solve(transport, geometry, theta_i, &settings.coarser())?;
+    let mut coarse = solve_unless(stop, transport, geometry, theta_i, &settings.coarser())?;
     let mut reached = f64::INFINITY;
     for attempt in 1..=ATTEMPTS {
-        let mut solution = solve(transport, geometry, theta_i, &settings)?;
+        let mut solution = solve_unless(stop, transport, geometry, theta_i, &settings)?;
         solution.compare(&coarse);
         reached = solution.error.as_ref().map_or(reached, ErrorEstimate::worst);
         if reached <= total_variation && both_sides {
-            return solve_both(transport, geometry, theta_i, &settings, total_variation);
+            return solve_both(stop, transport, geometry, theta_i, &settings, total_variation);
         }
         if reached <= total_variation {
             return Ok(solution);
@@ -389,6 +442,7 @@ pub fn solve_to(
 /// Both sides: from above refined from `settings` until what is transmitted keeps `total_variation` as well, or until more cannot be
 /// paid for; from below as finely as the stack upside down asks for.
 fn solve_both(
+    stop: &AtomicBool,
     transport: &Transport,
     geometry: Geometry,
     theta_i: &[f64],
@@ -396,25 +450,26 @@ fn solve_both(
     total_variation: f64,
 ) -> Result<Solution, DoublingError> {
     let settings = Settings { both_sides: true, ..*settings };
-    let mut solution = refined(transport, geometry, theta_i, settings, total_variation)?;
+    let mut solution = refined(stop, transport, geometry, theta_i, settings, total_variation)?;
     let turned = transport.upside_down();
     solution.from_below =
-        Some(Box::new(solve_below(&turned, geometry, theta_i, &solution.settings, total_variation)?));
+        Some(Box::new(solve_below(stop, &turned, geometry, theta_i, &solution.settings, total_variation)?));
     Ok(solution)
 }
 
 /// One side of several lobes, refined from `settings` until all keep `total_variation` or until more cannot be paid for.
 fn refined(
+    stop: &AtomicBool,
     transport: &Transport,
     geometry: Geometry,
     theta_i: &[f64],
     mut settings: Settings,
     total_variation: f64,
 ) -> Result<Solution, DoublingError> {
-    let mut coarse = solve_side(transport, geometry, theta_i, &settings.coarser())?;
+    let mut coarse = solve_side(stop, transport, geometry, theta_i, &settings.coarser())?;
     let mut attempts = 0;
     loop {
-        let mut solution = solve_side(transport, geometry, theta_i, &settings)?;
+        let mut solution = solve_side(stop, transport, geometry, theta_i, &settings)?;
         solution.compare(&coarse);
         attempts += 1;
         let kept = solution.error.as_ref().is_some_and(|error| {
@@ -431,6 +486,7 @@ fn refined(
 
 /// The stack upside down, refined until it keeps `total_variation` or until more cannot be paid for.
 fn solve_below(
+    stop: &AtomicBool,
     turned: &Transport,
     geometry: Geometry,
     theta_i: &[f64],
@@ -446,7 +502,7 @@ fn solve_below(
     if geometry == Geometry::Space && affordable(&grazing) {
         settings = grazing;
     }
-    refined(turned, geometry, theta_i, settings, total_variation)
+    refined(stop, turned, geometry, theta_i, settings, total_variation)
 }
 
 #[cfg(test)]
@@ -476,7 +532,27 @@ mod tests {
 
     /// Mode 0 of all interfaces, joined.
     fn whole_slab(transport: &Transport, geometry: Geometry, settings: &Settings) -> Slab {
-        let plan = Plan::new(transport, geometry, settings).unwrap();
-        plan.resolved(transport.index(0), transport.index(1), 0).slab().above(&plan.body(0))
+        let plan = Plan::new(&NEVER, transport, geometry, settings).unwrap();
+        plan.resolved(transport.index(0), transport.index(1), 0).slab().above(&plan.body(0).unwrap())
+    }
+
+    #[test]
+    fn a_stop_is_heard_before_and_between_interfaces_and_modes() {
+        // Layers that never repeat: no run has more than one.
+        let mut transport = Transport::alternating(6, 1.6, 1.3, 1.5, 0.1);
+        transport.indices =
+            vec![1.0, 1.6, 1.3, 1.55, 1.35, 1.5, 1.45, 1.4].into_iter().map(Into::into).collect();
+        let stop = AtomicBool::new(false);
+        let settings = Settings { nodes: 12, modes: 4, reach: 6.0, density: 0.75, both_sides: false };
+        let plan = Plan::new(&stop, &transport, Geometry::Space, &settings).unwrap();
+        assert!(plan.mode(0).is_ok());
+        stop.store(true, Ordering::Relaxed);
+        assert_eq!(plan.mode(1).err(), Some(DoublingError::Stopped));
+        let again = Plan::new(&stop, &transport, Geometry::Space, &settings);
+        assert_eq!(again.err(), Some(DoublingError::Stopped));
+        for both_sides in [false, true] {
+            let solved = solve_to_unless(&stop, &transport, Geometry::Plane, &[0.5], 0.05, both_sides);
+            assert_eq!(solved.err(), Some(DoublingError::Stopped));
+        }
     }
 }

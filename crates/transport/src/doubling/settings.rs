@@ -102,6 +102,9 @@ pub enum DoublingError {
     /// A problem that doubling does not solve as it stands.
     #[error("{0}")]
     WalkOnly(&'static str),
+    /// Whoever asked wants it no more.
+    #[error("stopped")]
+    Stopped,
     /// The error estimate stayed above what was asked.
     #[error(
         "total variation {asked:e} asked, {reached:.1e} reached with {nodes} nodes: ask for less, or use the walk"

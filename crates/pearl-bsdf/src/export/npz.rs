@@ -1,6 +1,6 @@
 //! NumPy's .npz: a zip archive of .npy files, stored as they are. The same arrays give the same bytes.
 
-use pearl_bsdf::Array;
+use crate::Array;
 use std::io::{Cursor, Write as _};
 use zip::result::ZipResult;
 use zip::write::SimpleFileOptions;

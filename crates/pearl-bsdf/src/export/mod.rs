@@ -1,0 +1,173 @@
+//! A pearl in formats of other programs, with the error of the round trip.
+
+mod npz;
+
+use crate::measured::{self, Channels, Reader};
+use crate::round_trip::{self, RoundTrip};
+use crate::{Array, PearlBsdf};
+use lut_io::FieldError;
+use lut_io::merl::Merl;
+use lut_io::tensor_file;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Wavelengths that a spectral file is compared at, spread evenly from the first to the last of the table: of the file and between.
+const COMPARED: usize = 37;
+
+/// A format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// All that the evaluation reads, as named arrays.
+    Arrays,
+    /// Tensor file for RGB renderers.
+    BsdfRgb,
+    /// Tensor file for spectral renderers.
+    BsdfSpectral,
+    /// The MERL database's.
+    Merl,
+}
+
+impl Format {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Arrays, Self::BsdfRgb, Self::BsdfSpectral, Self::Merl];
+
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Arrays => "arrays",
+            Self::BsdfRgb => "bsdf-rgb",
+            Self::BsdfSpectral => "bsdf-spectral",
+            Self::Merl => "merl",
+        }
+    }
+
+    /// What it is.
+    #[must_use]
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::Arrays => "All that the evaluation reads, as named arrays (.npz)",
+            Self::BsdfRgb => "Tensor file (.bsdf) for RGB renderers",
+            Self::BsdfSpectral => "Tensor file (.bsdf) for spectral renderers",
+            Self::Merl => "MERL .binary; made reciprocal, as the format demands",
+        }
+    }
+}
+
+/// A file, and what it holds.
+#[derive(Clone, Debug)]
+pub struct Export {
+    /// Its format.
+    pub format: Format,
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+    /// What it holds.
+    pub content: Content,
+}
+
+/// What a file holds.
+#[derive(Clone, Debug)]
+pub enum Content {
+    /// The arrays themselves.
+    Arrays(Vec<Array>),
+    /// An approximation, so far from the table.
+    Approximation(Vec<RoundTrip>),
+}
+
+impl Export {
+    /// The pearl of this name in a format.
+    ///
+    /// # Errors
+    /// More than a file of this format holds.
+    pub fn new(bsdf: &PearlBsdf, name: &str, format: Format) -> Result<Self, FieldError> {
+        let (bytes, content) = match format {
+            Format::Arrays => arrays(bsdf)?,
+            Format::BsdfRgb => tensor(bsdf, &Channels::Rgb, name)?,
+            Format::BsdfSpectral => tensor(bsdf, &Channels::Spectral(measured::wavelengths_nm(bsdf)), name)?,
+            Format::Merl => merl(bsdf)?,
+        };
+        Ok(Self { format, bytes, content })
+    }
+
+    /// What a program says of the file that it wrote.
+    #[must_use]
+    pub fn report(&self, output: &Path) -> Value {
+        let (key, said) = match &self.content {
+            Content::Arrays(arrays) => {
+                let shapes = arrays.iter().map(|array| (array.name.to_owned(), json!(array.shape)));
+                ("arrays", Value::Object(shapes.collect()))
+            }
+            Content::Approximation(errors) => {
+                let rows = errors.iter().map(|error| {
+                    json!({
+                        "theta_i_deg": error.theta_i_deg,
+                        "error_percent": error.error_percent,
+                        "bias_percent": error.bias_percent,
+                    })
+                });
+                let rows: Vec<_> = rows.collect();
+                let worst = errors.iter().map(|error| error.error_percent).fold(0.0, f64::max);
+                ("round_trip", json!({ "worst_percent": worst, "per_incidence": rows }))
+            }
+        };
+        json!({
+            "schema": "lut-export/1",
+            "format": self.format.name(),
+            "output": output.display().to_string(),
+            "bytes": self.bytes.len(),
+            key: said,
+        })
+    }
+}
+
+fn arrays(bsdf: &PearlBsdf) -> Result<(Vec<u8>, Content), FieldError> {
+    let arrays = bsdf.prepared().arrays();
+    let bytes = npz::encode(&arrays).map_err(|why| FieldError::new("arrays", why.to_string()))?;
+    Ok((bytes, Content::Arrays(arrays)))
+}
+
+fn tensor(bsdf: &PearlBsdf, channels: &Channels, name: &str) -> Result<(Vec<u8>, Content), FieldError> {
+    let description = format!("{name}, exported by nacre");
+    let bytes = tensor_file::encode(&measured::fields(bsdf, channels, &description))?;
+    // What is compared is what was written.
+    let reader = Reader::new(&tensor_file::decode(&bytes)?)?;
+    let errors = match channels {
+        Channels::Rgb => round_trip::measure(
+            bsdf,
+            |wi, wo| bsdf.eval_seen(wi, wo).rgb().to_vec(),
+            |wi, wo| reader.eval(wi, wo),
+        ),
+        Channels::Spectral(_) => {
+            let compared = compared_nm(&reader.wavelengths_nm);
+            round_trip::measure(
+                bsdf,
+                |wi, wo| bsdf.eval_seen_spectrum(wi, wo, &compared),
+                |wi, wo| reader.eval_spectrum(wi, wo, &compared),
+            )
+        }
+    };
+    Ok((bytes, Content::Approximation(errors)))
+}
+
+fn compared_nm(nodes: &[f64]) -> Vec<f64> {
+    let (first, last) = (nodes[0], nodes[nodes.len() - 1]);
+    // Some offset: bands are evenly spaced, and not all are to be met alike.
+    (0..COMPARED).map(|i| first + (last - first) * (i as f64 + 0.37) / COMPARED as f64).collect()
+}
+
+fn merl(bsdf: &PearlBsdf) -> Result<(Vec<u8>, Content), FieldError> {
+    let merl = Merl::tabulate(|wi, wo| {
+        let (there, back) = (bsdf.eval_seen(wi, wo).rgb(), bsdf.eval_seen(wo, wi).rgb());
+        // Reciprocal, as the format demands, by the mean of both ways weighted by the light that each stands for. The plain mean
+        // of both f grows without limit where one direction nears the horizon, and such a pearl shines.
+        std::array::from_fn(|c| (there[c] + back[c]) / (wo[2] + wi[2]))
+    });
+    let bytes = merl.encode();
+    let merl = Merl::decode(&bytes)?;
+    let errors = round_trip::measure(
+        bsdf,
+        |wi, wo| bsdf.eval_seen(wi, wo).rgb().to_vec(),
+        |wi, wo| merl.eval(wi, wo).map_or([0.0; 3], |rgb| rgb.map(|x| x * wo[2])).to_vec(),
+    );
+    Ok((bytes, Content::Approximation(errors)))
+}
