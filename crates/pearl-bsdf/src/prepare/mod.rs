@@ -63,15 +63,29 @@ impl Prepared {
     /// # Errors
     /// [`BsdfError::Table`] if a further band is not valid.
     pub fn new(table: impl Into<Arc<Table>>) -> Result<Self, BsdfError> {
-        let table = table.into();
+        Self::of(table.into(), true)
+    }
+
+    /// Without the colours of single wavelengths, which take most of the time: at a wavelength the pearl has no interference colour.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of_rgb(table: impl Into<Arc<Table>>) -> Result<Self, BsdfError> {
+        Self::of(table.into(), false)
+    }
+
+    fn of(table: Arc<Table>, spectral: bool) -> Result<Self, BsdfError> {
         let meta = table.meta();
         let look = Controls::of(meta);
         let rgb_weights =
             meta.dispersion.as_ref().map_or(vec![[1.0; 3]], |section| section.rgb_weights.clone());
         let further = table.further_bands()?;
         let spectra = meta.spectra.as_ref();
-        let [rgb, spectral] =
-            [Kind::Rgb, Kind::Spectral].map(|kind| Channels::new(kind, spectra, meta.wavelength_nm));
+        let of_kind = |kind| {
+            let shown = spectra.filter(|_| spectral || matches!(kind, Kind::Rgb));
+            Channels::new(kind, shown, meta.wavelength_nm)
+        };
+        let [rgb, spectral] = [Kind::Rgb, Kind::Spectral].map(of_kind);
         let reasons = meta.spectra_missing.clone().unwrap_or_default();
         let has_coherent = spectra.is_some_and(|spectra| spectra.coherent.is_some());
         let has_emission = spectra.is_some_and(|spectra| spectra.emission.is_some());
@@ -161,7 +175,8 @@ impl Band {
         let means = Means::new(&lobe, meta.reciprocal.as_ref(), &lobes, &facets, &mirror);
         let plain = means.plain();
         let rgb = means.coloured(Kind::Rgb, spectra, &plain, 3);
-        let spectral = means.coloured(Kind::Spectral, spectra, &plain, channels);
+        let many = spectra.filter(|spectra| channels == spectra.wavelength_nm.len());
+        let spectral = means.coloured(Kind::Spectral, many, &plain, channels);
         let scaled = means.scaled(spectra);
         Ok(Self { wavelength_nm, lobes, facets, mirror, plain, rgb, spectral, scaled })
     }

@@ -67,12 +67,10 @@ class Palette:
         """The channels of `rgb` or `mono` at every scale of the thicknesses, those of the first scale first."""
         own = cls.of(table, kind)
         mix = np.array([LUMINANCE]) if kind == "mono" else np.eye(3)
-        flat = lambda name, *band: np.einsum("kc,scn->skn", mix, table.arrays[name][:, *band]).reshape(-1, curves.NODES)  # noqa: E731
-        modulation, rest = flat("modulation_rgb_scaled", 0), flat("rest_rgb_scaled", 0)
-        weights = np.tile(own.tint_weights, (len(table.scales), 1))
-        return replace(
-            own, tint_weights=weights, modulation=modulation, emission=flat("emission_rgb_scaled"), modulated=1.0 - rest[None]
-        )
+        flat = lambda rows: np.einsum("kc,scn->skn", mix, rows).reshape(-1, curves.NODES)  # noqa: E731
+        modulation, rest = (flat(table.arrays[f"{name}_rgb_scaled"][:, 0]) for name in ("modulation", "rest"))
+        emission, weights = flat(table.arrays["emission_rgb_scaled"]), np.tile(own.tint_weights, (len(table.scales), 1))
+        return replace(own, tint_weights=weights, modulation=modulation, emission=emission, modulated=1.0 - rest[None])
 
 
 def reflectances(nm):
