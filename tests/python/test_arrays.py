@@ -20,6 +20,8 @@ TABLES = {
     "compact": ("akoya", {}, ["--azimuth", "decay", "--incident-deg", "0:90:5"], True),
     "dispersed": ("golden", {}, ["--azimuth", "decay", "--incident-deg", "0:90:6"], False),
 }
+# Tables with thickness as a control.
+THICK = ("space", "reciprocal-decay", "compact", "dispersed")
 LOOKS = {
     "recipe": {},
     "painted": {
@@ -36,6 +38,8 @@ def table(request, tmp_path_factory):
     name, facets, how, compact = TABLES[request.param]
     recipe = json.loads((ROOT / "data" / "recipes" / f"{name}.json").read_text())
     recipe.setdefault("facets", {}).update(facets)
+    if request.param in THICK:
+        recipe.setdefault("look", {})["thickness"] = {}
     (folder / "recipe.json").write_text(json.dumps(recipe))
     path, arrays = folder / "table.exr", folder / "table.npz"
     run("bake-brdf", folder / "recipe.json", "--solver", "doubling", "--accuracy", 2, *how, "-q", "-o", path)
@@ -47,6 +51,7 @@ def table(request, tmp_path_factory):
     assert said["arrays"] == {name: list(stored[name].shape) for name in stored}
     assert {array.dtype for array in stored.values()} == {np.dtype("<f4")}
     assert (len(stored["wavelength_nm"]) > 1) == (request.param == "dispersed")
+    assert ("scale" in stored) == (request.param in THICK)
     return path, {name: array.astype(float) for name, array in stored.items()}
 
 
@@ -88,8 +93,10 @@ def off(found, expected):
 def test_the_page_evaluates_what_rust_does(evaluator, table, look):
     path, arrays = table
     wi, wo = pairs()
-    components, density, spectra = by_rust(path, LOOKS[look], wi, wo)
-    look = {"tint_rgb": [1.0, 1.0, 1.0]} | {name: arrays[name] for name in ("depth", "brightness", "coherence", "body_rgb")} | LOOKS[look]
+    given = LOOKS[look] | ({"thickness": 0.83} if "scale" in arrays and look == "painted" else {})
+    components, density, spectra = by_rust(path, given, wi, wo)
+    look = {"tint_rgb": [1.0, 1.0, 1.0]} | {name: arrays[name] for name in ("depth", "brightness", "coherence", "body_rgb")} | given
+    look = {"thickness": 1.0} | look
     assert all(component.max() > 1e-3 for component in components), "every component has light"
     found = {
         **dict(zip(COMPONENTS, zip(evaluator["rgb"](arrays, look, wi, wo), components))),

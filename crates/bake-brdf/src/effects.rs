@@ -37,11 +37,13 @@ pub enum Effect {
     Body,
     /// Textures, bumps and normals on the surface.
     Texture,
+    /// Interference colours over a range of scales of all thicknesses, so that thickness is a control.
+    Thickness,
 }
 
 impl Effect {
     /// Every effect, in the model's order.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Surface,
         Self::Blur,
         Self::Azimuth,
@@ -54,6 +56,7 @@ impl Effect {
         Self::Irregularity,
         Self::Body,
         Self::Texture,
+        Self::Thickness,
     ];
 
     /// The effect's name in files and on the command line.
@@ -72,6 +75,7 @@ impl Effect {
             Self::Irregularity => "irregularity",
             Self::Body => "body",
             Self::Texture => "texture",
+            Self::Thickness => "thickness",
         }
     }
 
@@ -294,6 +298,8 @@ pub struct View {
     pub polarised: Setting<bool>,
     /// A texture, bump or normal map, named with its place; `None` for a plain surface.
     pub texture: Option<Setting<String>>,
+    /// What asks for other thicknesses than the recipe's, named with its place; `None` where nothing does.
+    pub thickness: Option<Setting<String>>,
 }
 
 impl View {
@@ -302,6 +308,9 @@ impl View {
     pub fn of_look(look: &Look) -> Self {
         let recipe = || "recipe".to_owned();
         let texture = (look.grain > 0.0).then(|| Setting::new(format!("grain {}", look.grain), recipe()));
+        let thickness = look
+            .thickness
+            .map(|range| Setting::new(format!("thickness from {} to {}", range.min, range.max), recipe()));
         Self {
             depth: Setting::new(look.depth, recipe()),
             brightness: Setting::new(look.brightness, recipe()),
@@ -311,6 +320,7 @@ impl View {
             colour: Setting::new(ColourMode::Rgb, "default"),
             polarised: Setting::new(false, "default"),
             texture,
+            thickness,
         }
     }
 }
@@ -369,6 +379,10 @@ impl Decisions {
             {
                 why = format!("{why}, though it acts on blur alone, which is not");
             }
+            let colours = list.contains(Effect::Coherent) || list.contains(Effect::Emission);
+            if effect == Effect::Thickness && listed && !colours {
+                why = format!("{why}, though it acts on coherent and emission alone, which are not");
+            }
             if effect == Effect::Azimuth && (listed || needed) {
                 why = format!("{}; {why}", mode_text(recipe.azimuth.mode));
             }
@@ -380,10 +394,14 @@ impl Decisions {
         Ok(Self(Effect::ALL.into_iter().map(decision).collect()))
     }
 
-    /// All that the recipe has matter for, but the choices of another walk (polarisation, coherent sheets), which are the view's.
+    /// All that the recipe has matter for, but the choices of another walk (polarisation, coherent sheets) and controls, which are the
+    /// view's.
     fn of_all(recipe: &Recipe, view: &View) -> Self {
         let decision = |effect: Effect| {
-            if matches!(effect, Effect::Polarisation | Effect::CoherentSheets | Effect::Texture) {
+            if matches!(
+                effect,
+                Effect::Polarisation | Effect::CoherentSheets | Effect::Texture | Effect::Thickness
+            ) {
                 return decide(effect, recipe, view);
             }
             match matter(effect, recipe).and_then(|what| simulated(effect, recipe).map(|()| what)) {
@@ -443,6 +461,7 @@ fn matter(effect: Effect, recipe: &Recipe) -> Result<String, String> {
         Effect::Polarisation => Ok("s and p differ at every interface".to_owned()),
         Effect::Body => Ok("a body under the nacre".to_owned()),
         Effect::Texture => Err("no texture, bump or normal map".to_owned()),
+        Effect::Thickness => Ok("interference colours depend on the thickness".to_owned()),
     }
 }
 
@@ -564,6 +583,7 @@ fn decide(effect: Effect, recipe: &Recipe, view: &View) -> Decision {
             Some(texture) => Ok(format!("{} ({})", texture.value, texture.from)),
             None => matter(effect, recipe),
         },
+        Effect::Thickness => thickness(view),
     };
     let verdict = verdict.and_then(|why| match simulated(effect, recipe) {
         Ok(()) => Ok(why),
@@ -632,6 +652,14 @@ fn coherent(view: &View) -> Verdict {
     Ok(setting("coherence", &view.coherence))
 }
 
+fn thickness(view: &View) -> Verdict {
+    let Some(asked) = &view.thickness else { return Err("thickness is no control here".to_owned()) };
+    if coherent(view).is_err() && emission(view).is_err() {
+        return Err(format!("{} ({}), but no interference is shown", asked.value, asked.from));
+    }
+    Ok(format!("{} ({})", asked.value, asked.from))
+}
+
 fn emission(view: &View) -> Verdict {
     if view.depth.value == 0.0 {
         return Err(setting("depth", &view.depth));
@@ -682,7 +710,7 @@ mod tests {
     #[test]
     fn names_are_the_models_and_survive_a_round_trip() {
         let names = "surface blur azimuth polarisation absorption dispersion coherent coherent_sheets emission \
-                     irregularity body texture";
+                     irregularity body texture thickness";
         assert_eq!(Effect::ALL.map(Effect::name).join(" "), names);
         for effect in Effect::ALL {
             assert_eq!(Effect::from_name(effect.name()), Some(effect));

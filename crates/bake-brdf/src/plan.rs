@@ -65,7 +65,7 @@ pub struct PlannedPearl {
     /// Its effects and why.
     pub decisions: Decisions,
     /// What each effect costs, in the model's order; 0 for one that is off, or that another pearl's table holds anyway.
-    pub costs: [Cost; 12],
+    pub costs: [Cost; Effect::ALL.len()],
     /// The table that holds it, an index of [`Plan::tables`]; `None` for a pearl that no shape shows.
     pub table: Option<usize>,
 }
@@ -245,7 +245,7 @@ impl PlannedPearl {
             recipe_from: from.to_owned(),
             view: view.clone(),
             decisions,
-            costs: [Cost::default(); 12],
+            costs: [Cost::default(); Effect::ALL.len()],
             table: None,
         })
     }
@@ -256,8 +256,12 @@ impl PlannedPearl {
 ///
 /// # Errors
 /// As the bake's own checks.
-pub fn costs(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<[Cost; 12], BakeError> {
-    let mut costs = [Cost::default(); 12];
+pub fn costs(
+    request: &Request,
+    bands: &Bands,
+    solver: SolverChoice,
+) -> Result<[Cost; Effect::ALL.len()], BakeError> {
+    let mut costs = [Cost::default(); Effect::ALL.len()];
     let set = request.effects;
     let file = Cost { seconds: prices::OVERHEAD_SECONDS, bytes: prices::HEADER_BYTES };
     let body = if set.has_lobe() { Effect::Surface } else { Effect::Body };
@@ -299,15 +303,22 @@ pub fn costs(request: &Request, bands: &Bands, solver: SolverChoice) -> Result<[
 }
 
 /// Adds what the interference colours cost; of it, what irregular thicknesses add is `irregularity`'s.
-fn interference_costs(request: &Request, costs: &mut [Cost; 12]) {
+fn interference_costs(request: &Request, costs: &mut [Cost; Effect::ALL.len()]) {
     let set = request.effects;
     let threads = rayon::current_num_threads() as f64;
     let seconds = |set: EffectSet| {
         let wanted = Wanted::by_effects(set, false);
         spectra::forecast(&request.recipe, wanted, request.colour_accuracy()).map(|seconds| seconds / threads)
     };
-    let whole = seconds(set);
-    let regular = seconds(set.without(Effect::Irregularity));
+    let fixed = set.without(Effect::Thickness);
+    let whole = seconds(fixed);
+    let regular = seconds(fixed.without(Effect::Irregularity));
+    if set.contains(Effect::Thickness) {
+        let more = seconds(set).iter().sum::<f64>() - whole.iter().sum::<f64>();
+        let colours = [Effect::Coherent, Effect::Emission].into_iter().zip(prices::SCALED_BYTES);
+        let bytes = colours.filter(|(effect, _)| set.contains(*effect)).map(|(_, bytes)| bytes).sum();
+        costs[Effect::Thickness as usize] = Cost { seconds: more.max(0.0), bytes };
+    }
     for (i, effect) in [Effect::Coherent, Effect::Emission].into_iter().enumerate() {
         if set.contains(effect) {
             let own = whole[i].min(regular[i]);

@@ -68,6 +68,8 @@ pub(crate) const DOUBLING_CELL_BYTES: f64 = 25.0;
 /// Bytes of M and Ê in the metadata: 91 and 19 angles of 80 bands as JSON text (a regular stack's M; an irregular one's
 /// has 19 angles too).
 pub(crate) const SPECTRUM_BYTES: [u64; 2] = [80_000, 17_000];
+/// The same of what thickness as a control adds to either: wavelengths beyond the visible range, and RGB at scales.
+pub(crate) const SCALED_BYTES: [u64; 2] = [600_000, 150_000];
 
 /// Seconds that a cheap solution for the choice of bands takes beside its doubling (its lobes become cells), and a layer of the
 /// smooth stack at an incidence.

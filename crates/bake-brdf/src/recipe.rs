@@ -243,6 +243,22 @@ pub struct Look {
     pub grain: f64,
     /// Body colour ρ, linear sRGB.
     pub body_rgb: [f64; 3],
+    /// Scales of all thicknesses that the colours of the table are to serve, so that thickness is a control (effect `thickness`); none by
+    /// default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub thickness: Option<ThicknessRange>,
+}
+
+/// Scales of all thicknesses and of their spreads.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ThicknessRange {
+    /// Smallest scale, 0.5 to 1.
+    #[schemars(range(min = 0.5, max = 1))]
+    pub min: f64,
+    /// Largest scale, 1 to 2.
+    #[schemars(range(min = 1, max = 2))]
+    pub max: f64,
 }
 
 /// The light that the transport problem is solved for.
@@ -303,7 +319,15 @@ impl Default for FacetStatistics {
 
 impl Default for Look {
     fn default() -> Self {
-        Self { depth: 0.5, brightness: 1.0, coherence: 0.5, grain: 0.0, body_rgb: [0.8, 0.78, 0.75] }
+        let body_rgb = [0.8, 0.78, 0.75];
+        Self { depth: 0.5, brightness: 1.0, coherence: 0.5, grain: 0.0, body_rgb, thickness: None }
+    }
+}
+
+impl Default for ThicknessRange {
+    /// An octave about the recipe's own thickness.
+    fn default() -> Self {
+        Self { min: 0.7, max: 1.4 }
     }
 }
 
@@ -423,6 +447,13 @@ impl Recipe {
         }
         for (i, &channel) in look.body_rgb.iter().enumerate() {
             within(&format!("look.body_rgb[{i}]"), channel, 0.0, 1.0, "(linear sRGB)")?;
+        }
+        if let Some(ThicknessRange { min, max }) = look.thickness {
+            within("look.thickness.min", min, 0.5, 1.0, "")?;
+            within("look.thickness.max", max, 1.0, 2.0, "")?;
+            if min == max {
+                return Err(wrong("look.thickness.max", max, format!("expected more than min, {min}")));
+            }
         }
         within("light.wavelength_nm", self.light.wavelength_nm, 1.0, 1e7, "nm")
     }
@@ -855,6 +886,9 @@ mod tests {
             (r#"{"facets":{"normals":"blinn"}}"#, "facets.normals"),
             (r#"{"look":{"depth":1.5}}"#, "look.depth"),
             (r#"{"look":{"body_rgb":[1,1]}}"#, "look.body_rgb"),
+            (r#"{"look":{"thickness":{"min":0.2}}}"#, "look.thickness.min"),
+            (r#"{"look":{"thickness":{"min":1,"max":1}}}"#, "look.thickness.max"),
+            (r#"{"look":{"thickness":1.2}}"#, "look.thickness"),
             (r#"{"schema":"pearl-recipe/2"}"#, "schema"),
             (r#"{"light":{"wavelength_nm":0}}"#, "light.wavelength_nm"),
             ("{} {}", ""),

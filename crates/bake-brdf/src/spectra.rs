@@ -8,15 +8,19 @@
 //!
 //! R_incoherent is what the walk tends to for σ → 0 at its wavelength. So lobe·M never reflects more than it receives, and for
 //! σ → 0 it is R_coherent.
+//!
+//! Where thickness is a control the bands go on beyond the visible range, and RGB is stored at as many scales of the thicknesses as
+//! reading between them takes.
 
 use crate::effects::{Effect, EffectSet};
 use crate::prices;
-use crate::recipe::{Recipe, RecipeError};
+use crate::recipe::{Recipe, RecipeError, ThicknessRange};
 use crate::three_digits;
-use lut_io::spectra::{Coherent, ColourError, Emission, Missing, Spectra};
+use lut_io::spectra::{Coherent, ColourError, Emission, Missing, Spectra, Thickness, ThicknessError};
 use rayon::prelude::*;
+use thinfilm::colour::Xyz;
 use thinfilm::emission::SourceProfile;
-use thinfilm::modulation::{self, Banded, Sampling};
+use thinfilm::modulation::{self, Banded, Sampling, Scaled};
 use thinfilm::{Dispersion, Material, Stack, StackError, StackRun, colour, intensity};
 use transport::{Light, Transport};
 
@@ -52,6 +56,10 @@ const ANGLE_ROUNDS: usize = 4;
 const MOST_ANGLES: usize = 400;
 /// Deepest part of a stack, in layers, that waves are followed in one layer at a time.
 const DEEPEST: usize = 16_384;
+/// Largest ΔE00 that reading between scales of the thicknesses may miss, a first number of scales an octave, and most scales.
+const BETWEEN_SCALES: f64 = 0.1;
+const SCALES_PER_OCTAVE: f64 = 64.0;
+const MOST_SCALES: usize = 512;
 /// Names the ensemble.
 const SEED: u64 = 0x70_6561_726c;
 
@@ -102,6 +110,8 @@ pub struct Wanted {
     pub polarisation: bool,
     /// Whether the lobe's walk meets coherent sheets (effect `coherent_sheets`).
     pub coherent_sheets: bool,
+    /// Whether thickness is a control (effect `thickness`).
+    pub thickness: bool,
 }
 
 impl Wanted {
@@ -122,6 +132,7 @@ impl Wanted {
             absorption: effects.contains(Effect::Absorption),
             polarisation: effects.contains(Effect::Polarisation),
             coherent_sheets: effects.contains(Effect::CoherentSheets),
+            thickness: effects.contains(Effect::Thickness),
         }
     }
 }
@@ -162,10 +173,19 @@ impl Colours {
 /// # Errors
 /// A recipe that the transport problem refuses; a [`Want::Required`] colour of a stack whose waves cannot be followed.
 pub fn of(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<Colours, SpectraError> {
+    let beyond = beyond(recipe, wanted);
     let mut colours = Colours {
-        spectra: Spectra { wavelength_nm: band_centres_nm(), ..Spectra::default() },
+        spectra: Spectra { wavelength_nm: band_centres_nm(beyond), ..Spectra::default() },
         missing: Vec::new(),
     };
+    if beyond != [0; 2] {
+        let stack = wave_stack(recipe, wanted);
+        let ends = [beyond_nm(beyond, 0), beyond_nm(beyond, 1)];
+        let no_index = ends.into_iter().find_map(|nm| stack.at(1e-9 * nm).err());
+        no_index.map_or(Ok(()), |why| {
+            Err(SpectraError::Required { effect: Effect::Thickness, source: Box::new(why.into()) })
+        })?;
+    }
     let mut attempt = |effect, want, compute: &dyn Fn() -> Result<_, SpectraError>| {
         if want == Want::No {
             return Ok(None);
@@ -180,23 +200,189 @@ pub fn of(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<Colours, Sp
         }
     };
     let coherent = attempt(Effect::Coherent, wanted.coherent, &|| {
-        coherent(recipe, wanted, delta_e00).map(Part::Coherent)
+        coherent(recipe, wanted, delta_e00).map(|(part, rows)| Part::Coherent(part, rows))
     })?;
     let emission = attempt(Effect::Emission, wanted.emission, &|| {
-        emission(recipe, wanted, delta_e00).map(Part::Emission)
+        emission(recipe, wanted, delta_e00).map(|(part, rows)| Part::Emission(part, rows))
     })?;
+    let mut scalable = Vec::new();
     for part in coherent.into_iter().chain(emission) {
         match part {
-            Part::Coherent(part) => colours.spectra.coherent = Some(part),
-            Part::Emission(part) => colours.spectra.emission = Some(part),
+            Part::Coherent(part, rows) => {
+                colours.spectra.coherent = Some(part);
+                scalable.push(rows);
+            }
+            Part::Emission(part, rows) => {
+                colours.spectra.emission = Some(part);
+                scalable.push(rows);
+            }
         }
+    }
+    if wanted.thickness && !scalable.is_empty() {
+        colours.spectra.thickness = Some(thickness(recipe, wanted, &scalable)?);
     }
     Ok(colours)
 }
 
 enum Part {
-    Coherent(Coherent),
-    Emission(Emission),
+    Coherent(Coherent, Scalable),
+    Emission(Emission, Scalable),
+}
+
+/// A colour by its single wavelengths, from which it follows at any scale of the thicknesses.
+struct Scalable {
+    theta_deg: Vec<f64>,
+    rows: Vec<Banded>,
+    sampling: Sampling,
+    /// Largest value at each angle.
+    most: Vec<f64>,
+    /// What it is.
+    kind: Quantity,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Quantity {
+    Modulation,
+    Emission,
+}
+
+impl Scalable {
+    /// Linear sRGB at a scale, and the mean that it is in units of (1 of M).
+    fn at(&self, scale: f64) -> Vec<([f64; 3], f64)> {
+        let scaled = Scaled::new(self.sampling, scale);
+        let row = |(row, most): (&Banded, &f64)| {
+            if scale == 1.0 {
+                return (row.rgb, 1.0);
+            }
+            let mean = self.mean(&scaled, row);
+            (scaled.rgb(&row.spectrum, most * mean).map(|channel| channel / mean), mean)
+        };
+        self.rows.par_iter().zip(&self.most).map(row).collect()
+    }
+
+    /// Ê has unit mean; a stack that gives off nothing has 1.
+    fn mean(&self, scaled: &Scaled, row: &Banded) -> f64 {
+        let mean = if self.kind == Quantity::Emission { scaled.mean(&row.spectrum) } else { 1.0 };
+        if mean > 0.0 { mean } else { 1.0 }
+    }
+
+    /// ΔE00 that reading between neighbouring scales misses half-way, at the worst angle.
+    fn missed(&self, scale: &[f64], nodes: &[Vec<([f64; 3], f64)>]) -> f64 {
+        let judged = self.theta_deg.partition_point(|degrees| *degrees <= JUDGED_DEG);
+        let between = |k: usize| {
+            let middle = self.at((scale[k] * scale[k + 1]).sqrt());
+            let missed = |i: usize| {
+                let read = [0, 1, 2].map(|c| 0.5 * (nodes[k][i].0[c] + nodes[k + 1][i].0[c]));
+                let lab = |rgb| colour::lab(colour::xyz_of_linear_srgb(rgb));
+                colour::delta_e_2000(lab(read), lab(middle[i].0))
+            };
+            (0..judged).map(missed).fold(0.0, f64::max)
+        };
+        (0..scale.len() - 1).map(between).fold(0.0, f64::max)
+    }
+}
+
+/// The colours at as many scales as reading between them takes.
+fn thickness(recipe: &Recipe, wanted: Wanted, parts: &[Scalable]) -> Result<Thickness, SpectraError> {
+    let mut per_octave = SCALES_PER_OCTAVE;
+    let (scale, nodes, missed) = loop {
+        let scale = scales(recipe, per_octave);
+        let nodes: Vec<Vec<Vec<([f64; 3], f64)>>> =
+            parts.iter().map(|part| scale.iter().map(|scale| part.at(*scale)).collect()).collect();
+        let missed =
+            parts.iter().zip(&nodes).map(|(part, nodes)| part.missed(&scale, nodes)).fold(0.0, f64::max);
+        // The error goes by the square of the distance.
+        let finer = per_octave * (1.1 * (missed / BETWEEN_SCALES).sqrt()).clamp(1.1, 4.0);
+        if missed <= BETWEEN_SCALES || scales(recipe, finer).len() > MOST_SCALES {
+            break (scale, nodes, missed);
+        }
+        per_octave = finer;
+    };
+    let scaling = parts.iter().map(|part| scaling_error(recipe, wanted, part));
+    let scaling = scaling.collect::<Result<Vec<_>, _>>()?.into_iter().fold(0.0, f64::max);
+    let delta_e00 = ThicknessError { scales: three_digits(missed), scaling: three_digits(scaling) };
+    let mut thickness = Thickness { scale, delta_e00, ..Thickness::default() };
+    for (part, nodes) in parts.iter().zip(nodes) {
+        let rgb = nodes.iter().map(|rows| rows.iter().map(|(rgb, _)| *rgb).collect()).collect();
+        if part.kind == Quantity::Modulation {
+            thickness.modulation_rgb = rgb;
+        } else {
+            thickness.radiance_rgb = rgb;
+            thickness.radiance_mean =
+                nodes.iter().map(|rows| rows.iter().map(|(_, mean)| *mean).collect()).collect();
+        }
+    }
+    Ok(thickness)
+}
+
+/// Scales from one end of a recipe's range to the other, so many an octave or a little more: 1 among them, ratios equal on either side.
+fn scales(recipe: &Recipe, per_octave: f64) -> Vec<f64> {
+    let ThicknessRange { min, max } = recipe.look.thickness.unwrap_or_default();
+    let steps = |end: f64| (end.log2().abs() * per_octave).ceil() as usize;
+    let side =
+        |end: f64, k: usize| if k == steps(end) { end } else { end.powf(k as f64 / steps(end) as f64) };
+    let below = (1..=steps(min)).rev().map(|k| side(min, k));
+    below.chain([1.0]).chain((1..=steps(max)).map(|k| side(max, k))).collect()
+}
+
+/// ΔE00 between colours of stacks of the smallest and the largest thickness and what scaling makes of this one.
+fn scaling_error(recipe: &Recipe, wanted: Wanted, part: &Scalable) -> Result<f64, SpectraError> {
+    let profile = recipe.source_profile();
+    let stack = match part.kind {
+        Quantity::Modulation => wave_stack(recipe, wanted),
+        Quantity::Emission => emission_stack(recipe, wanted),
+    };
+    let fixed_depth = part.kind == Quantity::Emission && matches!(profile, SourceProfile::Exponential { .. });
+    if !depends_on_wavelength(&stack) && !fixed_depth {
+        return Ok(0.0);
+    }
+    let transport = walked(recipe, wanted, recipe.wavelength())?;
+    let solved = |stack: &Stack, sampling: Sampling| match part.kind {
+        Quantity::Modulation => reflected(stack, &transport, &PILOT_DEG, sampling),
+        Quantity::Emission => modulation::emission(stack, profile, &radians(&PILOT_DEG), sampling),
+    };
+    let own = solved(&stack, part.sampling)?;
+    let ThicknessRange { min, max } = recipe.look.thickness.unwrap_or_default();
+    let mut worst = 0.0f64;
+    for scale in [min, max] {
+        let mut other = stack.clone();
+        for layer in other.runs.iter_mut().flat_map(|run| &mut run.unit) {
+            layer.thickness *= scale;
+            layer.thickness_sd *= scale;
+        }
+        let truth = solved(&other, Sampling { beyond: [0; 2], ..part.sampling })?;
+        let scaled = Scaled::new(part.sampling, scale);
+        for (own, truth) in own.iter().zip(&truth) {
+            let mean = part.mean(&scaled, own);
+            let found = scaled.xyz(&own.spectrum).map(|x| x / mean);
+            worst = worst.max(colour::delta_e_2000(colour::lab(found), colour::lab(truth.xyz)));
+        }
+    }
+    Ok(worst)
+}
+
+fn depends_on_wavelength(stack: &Stack) -> bool {
+    let media = stack.materials.iter().chain([&stack.ambient, &stack.substrate]);
+    media.into_iter().any(|material| !matches!(material.n, Dispersion::Constant(_)))
+}
+
+/// Bands beyond the visible range, below and above it, that the scales of a recipe take.
+fn beyond(recipe: &Recipe, wanted: Wanted) -> [usize; 2] {
+    if !wanted.thickness {
+        return [0; 2];
+    }
+    let ThicknessRange { min, max } = recipe.look.thickness.unwrap_or_default();
+    let [from, to] = colour::VISIBLE;
+    let width = (to - from) / BANDS as f64;
+    // Rounding takes no band more.
+    [from - from / max, to / min - to].map(|range| (range / width - 1e-9).ceil() as usize)
+}
+
+/// First or last wavelength of the bands, nm.
+fn beyond_nm(beyond: [usize; 2], end: usize) -> f64 {
+    let [from, to] = colour::VISIBLE.map(|metres| 1e9 * metres);
+    let width = (to - from) / BANDS as f64;
+    if end == 0 { from - width * beyond[0] as f64 } else { to + width * beyond[1] as f64 }
 }
 
 /// The walk at a wavelength (metres) whose lobe the coherent colours multiply.
@@ -226,16 +412,24 @@ pub(crate) fn incoherent(
     Ok(radians(theta_deg).iter().map(|theta| incoherent_reflectance(&transport, *theta)).collect())
 }
 
-fn coherent(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<Coherent, SpectraError> {
+fn coherent(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<(Coherent, Scalable), SpectraError> {
     let transport = walked(recipe, wanted, recipe.wavelength())?;
     let stack = wave_stack(recipe, wanted);
-    let effort = Effort::of_coherent(&stack, &transport, delta_e00)?;
+    let effort = Effort::of_coherent(&stack, &transport, delta_e00, beyond(recipe, wanted))?;
     let of = |theta_deg: &[f64]| reflected(&stack, &transport, theta_deg, effort.sampling());
     let Curve { theta_deg, rows, error } = curve(effort.theta_deg.clone(), delta_e00, of)?;
     let angles = radians(&theta_deg);
-    let incoherent = angles.par_iter().map(|theta| incoherent_reflectance(&transport, *theta)).collect();
-    let (modulation, modulation_rgb) = columns(rows);
-    Ok(Coherent { theta_deg, modulation, modulation_rgb, incoherent, delta_e00: error })
+    let incoherent: Vec<f64> =
+        angles.par_iter().map(|theta| incoherent_reflectance(&transport, *theta)).collect();
+    let (modulation, modulation_rgb) = columns(&rows);
+    let scalable = Scalable {
+        theta_deg: theta_deg.clone(),
+        rows,
+        sampling: effort.sampling(),
+        most: incoherent.iter().map(|r| 1.0 / r).collect(),
+        kind: Quantity::Modulation,
+    };
+    Ok((Coherent { theta_deg, modulation, modulation_rgb, incoherent, delta_e00: error }, scalable))
 }
 
 fn reflected(
@@ -250,21 +444,28 @@ fn reflected(
     modulation::modulation(stack, &incoherent, &angles, sampling)
 }
 
-fn emission(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<Emission, SpectraError> {
+fn emission(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<(Emission, Scalable), SpectraError> {
     // Refuses what the bake refuses, with its words.
     recipe.transport(recipe.wavelength())?;
     let stack = emission_stack(recipe, wanted);
     let profile = recipe.source_profile();
-    let effort = Effort::of_emission(&stack, profile, delta_e00)?;
+    let effort = Effort::of_emission(&stack, profile, delta_e00, beyond(recipe, wanted))?;
     let of =
         |theta_deg: &[f64]| modulation::emission(&stack, profile, &radians(theta_deg), effort.sampling());
     let Curve { theta_deg, rows, error } = curve(effort.theta_deg.clone(), delta_e00, of)?;
-    let (radiance, radiance_rgb) = columns(rows);
-    Ok(Emission { theta_deg, radiance, radiance_rgb, delta_e00: error })
+    let (radiance, radiance_rgb) = columns(&rows);
+    let scalable = Scalable {
+        theta_deg: theta_deg.clone(),
+        most: vec![f64::INFINITY; rows.len()],
+        rows,
+        sampling: effort.sampling(),
+        kind: Quantity::Emission,
+    };
+    Ok((Emission { theta_deg, radiance, radiance_rgb, delta_e00: error }, scalable))
 }
 
-fn columns(rows: Vec<Banded>) -> (Vec<Vec<f64>>, Vec<[f64; 3]>) {
-    rows.into_iter().map(|row| (row.bands, row.rgb)).unzip()
+fn columns(rows: &[Banded]) -> (Vec<Vec<f64>>, Vec<[f64; 3]>) {
+    rows.iter().map(|row| (row.bands.clone(), row.rgb)).unzip()
 }
 
 /// A colour over angles.
@@ -314,8 +515,14 @@ fn missed_between(nodes: &[(f64, Banded)]) -> Vec<f64> {
         .map(|three| {
             let [(a, before), (b, here), (c, after)] = [&three[0], &three[1], &three[2]];
             let t = (b - a) / (c - a);
-            let read = [0, 1, 2].map(|i: usize| (1.0 - t) * before.xyz[i] + t * after.xyz[i]);
-            let bent = colour::delta_e_2000(colour::lab(read), colour::lab(here.xyz));
+            let bent = |[before, here, after]: [&Xyz; 3]| {
+                let read = [0, 1, 2].map(|i: usize| (1.0 - t) * before[i] + t * after[i]);
+                colour::delta_e_2000(colour::lab(read), colour::lab(*here))
+            };
+            let ends = before.ends.iter().zip(&here.ends).zip(&after.ends);
+            let bent = ends
+                .map(|((before, here), after)| bent([before, here, after]))
+                .fold(bent([&before.xyz, &here.xyz, &after.xyz]), f64::max);
             let noise = [(before, 1.0 - t), (here, 1.0), (after, t)]
                 .map(|(row, share)| 1.5 * share * row.noise.unwrap_or(0.0));
             let noise2: f64 = noise.iter().map(|noise| noise * noise).sum();
@@ -354,12 +561,12 @@ pub fn counts(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> [[f64; 2]; 2] 
         let stack = wave_stack(recipe, wanted);
         let effort = walked(recipe, wanted, recipe.wavelength())
             .map_err(SpectraError::from)
-            .and_then(|transport| Effort::of_coherent(&stack, &transport, delta_e00));
+            .and_then(|transport| Effort::of_coherent(&stack, &transport, delta_e00, beyond(recipe, wanted)));
         count(&stack, effort)
     };
     let emission = || {
         let stack = emission_stack(recipe, wanted);
-        let effort = Effort::of_emission(&stack, recipe.source_profile(), delta_e00);
+        let effort = Effort::of_emission(&stack, recipe.source_profile(), delta_e00, beyond(recipe, wanted));
         count(&stack, effort)
     };
     [
@@ -397,31 +604,36 @@ struct Effort {
     per_band: f64,
     /// Members of an ensemble.
     members: f64,
+    /// As [`Sampling::beyond`].
+    beyond: [usize; 2],
 }
 
 impl Effort {
     /// Of M.
-    fn of_coherent(stack: &Stack, transport: &Transport, delta_e00: f64) -> Result<Self, SpectraError> {
+    fn of_coherent(
+        stack: &Stack,
+        transport: &Transport,
+        delta_e00: f64,
+        beyond: [usize; 2],
+    ) -> Result<Self, SpectraError> {
         let step = if stack.is_irregular() { STEP_DEG } else { FINE_STEP_DEG };
         let pilot = |sampling| reflected(stack, transport, &PILOT_DEG, sampling);
-        Self::from(stack, step, IRREGULAR_PER_BAND[0]).chosen(
-            stack,
-            reflectance_price(stack),
-            delta_e00,
-            pilot,
-        )
+        let per_band = if stack.is_irregular() { IRREGULAR_PER_BAND[0] } else { REGULAR_PER_BAND };
+        let first = Self { theta_deg: angles_deg(step), per_band, members: 1.0, beyond };
+        first.chosen(stack, reflectance_price(stack), delta_e00, pilot)
     }
 
     /// Of Ê.
-    fn of_emission(stack: &Stack, profile: SourceProfile, delta_e00: f64) -> Result<Self, SpectraError> {
+    fn of_emission(
+        stack: &Stack,
+        profile: SourceProfile,
+        delta_e00: f64,
+        beyond: [usize; 2],
+    ) -> Result<Self, SpectraError> {
         let pilot = |sampling| modulation::emission(stack, profile, &radians(&PILOT_DEG), sampling);
-        let first = Self { theta_deg: angles_deg(STEP_DEG), per_band: IRREGULAR_PER_BAND[1], members: 1.0 };
+        let per_band = IRREGULAR_PER_BAND[1];
+        let first = Self { theta_deg: angles_deg(STEP_DEG), per_band, members: 1.0, beyond };
         first.chosen(stack, field_price(stack, profile), delta_e00, pilot)
-    }
-
-    fn from(stack: &Stack, step_deg: usize, irregular: f64) -> Self {
-        let per_band = if stack.is_irregular() { irregular } else { REGULAR_PER_BAND };
-        Self { theta_deg: angles_deg(step_deg), per_band, members: 1.0 }
     }
 
     /// As many wavelengths, and members of an irregular stack, as a pilot finds necessary and the work allows.
@@ -434,7 +646,8 @@ impl Effort {
     ) -> Result<Self, SpectraError> {
         // A wavelength a band, of one member, in both polarisations.
         let wave = prices::sum(&[1.0, stack.layer_count() as f64], &price);
-        let seconds = |angles: usize| (2 * BANDS * angles) as f64 * wave;
+        let bands = self.sampling().all_bands();
+        let seconds = |angles: usize| (2 * bands * angles) as f64 * wave;
         let affordable = (AFFORDABLE / (delta_e00.powi(2) * seconds(self.theta_deg.len()))).max(1.0).floor();
         let aim = SAMPLING_SHARE * delta_e00;
         let mut effort = Self { per_band: self.per_band.min(affordable), ..self };
@@ -463,11 +676,17 @@ impl Effort {
 
     /// Wavelengths × angles × polarisations × members.
     fn waves(&self) -> f64 {
-        (2 * BANDS * self.theta_deg.len()) as f64 * self.per_band * self.members
+        (2 * self.sampling().all_bands() * self.theta_deg.len()) as f64 * self.per_band * self.members
     }
 
     const fn sampling(&self) -> Sampling {
-        Sampling { bands: BANDS, per_band: self.per_band as usize, members: self.members as u64, seed: SEED }
+        Sampling {
+            bands: BANDS,
+            beyond: self.beyond,
+            per_band: self.per_band as usize,
+            members: self.members as u64,
+            seed: SEED,
+        }
     }
 }
 
@@ -479,14 +698,14 @@ fn radians(theta_deg: &[f64]) -> Vec<f64> {
     theta_deg.iter().map(|degrees| degrees.min(GRAZING_DEG).to_radians()).collect()
 }
 
-fn band_centres_nm() -> Vec<f64> {
+fn band_centres_nm([below, above]: [usize; 2]) -> Vec<f64> {
     let edge = |band: f64| {
         1e9 * (colour::VISIBLE[0] + (colour::VISIBLE[1] - colour::VISIBLE[0]) * band / BANDS as f64)
     };
-    (0..BANDS).map(|band| edge(band as f64 + 0.5)).collect()
+    (0..below + BANDS + above).map(|band| edge(band as f64 - below as f64 + 0.5)).collect()
 }
 
-/// The recipe's stack for waves over the visible range: a tabulated index stays constant beyond its table, and of an
+/// The recipe's stack for waves over the bands: a tabulated index stays constant beyond its table, and of an
 /// irregular or explicit stack only the uppermost layers are followed.
 fn wave_stack(recipe: &Recipe, wanted: Wanted) -> Stack {
     let mut stack = recipe.film_stack();
@@ -497,7 +716,11 @@ fn wave_stack(recipe: &Recipe, wanted: Wanted) -> Stack {
         stack.runs.iter_mut().flat_map(|run| &mut run.unit).for_each(|layer| layer.thickness_sd = 0.0);
     }
     let media = stack.materials.iter_mut().chain([&mut stack.ambient, &mut stack.substrate]);
-    media.for_each(hold_constant);
+    let beyond = beyond(recipe, wanted);
+    // Rounding leaves no wavelength outside.
+    let margin_nm = if wanted.thickness { 1.0 } else { 0.0 };
+    let range_nm = [beyond_nm(beyond, 0) - margin_nm, beyond_nm(beyond, 1) + margin_nm];
+    media.for_each(|material| hold_constant(material, range_nm));
     let periodic = stack.runs.iter().any(|run| run.repeat > 1);
     if stack.is_irregular() || !periodic { shortened(stack, DEEPEST) } else { stack }
 }
@@ -515,10 +738,9 @@ fn make_clear(material: &mut Material) {
     }
 }
 
-/// Extends a tabulated index to the visible range.
-fn hold_constant(material: &mut Material) {
+/// Extends a tabulated index to a range.
+fn hold_constant(material: &mut Material, [first_nm, last_nm]: [f64; 2]) {
     let Dispersion::Table(rows) = &mut material.n else { return };
-    let [first_nm, last_nm] = colour::VISIBLE.map(|metres| metres * 1e9);
     if let Some(&[nm, n, k]) = rows.first()
         && nm > first_nm
     {
@@ -579,6 +801,7 @@ mod tests {
         absorption: true,
         polarisation: false,
         coherent_sheets: false,
+        thickness: false,
     };
 
     fn recipe(text: &str) -> Recipe {
@@ -708,7 +931,7 @@ mod tests {
             let recipe = recipe(&format!(r#"{{"stack": {stack}}}"#));
             let transport = walked(&recipe, BOTH, recipe.wavelength()).unwrap();
             let stack = wave_stack(&recipe, BOTH);
-            let effort = Effort::of_coherent(&stack, &transport, asked).unwrap();
+            let effort = Effort::of_coherent(&stack, &transport, asked, [0; 2]).unwrap();
             let of =
                 |theta_deg: &[f64], sampling| reflected(&stack, &transport, theta_deg, sampling).unwrap();
             let curve =
@@ -740,7 +963,7 @@ mod tests {
         let members = |text: &str, asked| {
             let recipe = recipe(text);
             let transport = walked(&recipe, BOTH, recipe.wavelength()).unwrap();
-            Effort::of_coherent(&wave_stack(&recipe, BOTH), &transport, asked).unwrap().members
+            Effort::of_coherent(&wave_stack(&recipe, BOTH), &transport, asked, [0; 2]).unwrap().members
         };
         let few = r#"{"stack": {"layers": 20, "aragonite": {"thickness_sd_nm": 10}}}"#;
         assert!(members(few, 4.0) < members(few, 1.0) && members(few, 1.0) < members(few, 0.5));
@@ -748,6 +971,106 @@ mod tests {
         let wanted = Wanted { emission: Want::No, ..BOTH };
         let said = of(&deep, wanted, 1.0).unwrap().spectra.coherent.unwrap().delta_e00;
         assert!(said.sampling.unwrap() > 1.0, "{said:?}");
+    }
+
+    /// Linear sRGB at a scale, read as a renderer does.
+    fn read(thickness: &Thickness, rgb: &[Vec<[f64; 3]>], s: f64) -> Vec<[f64; 3]> {
+        let k = thickness.scale.partition_point(|scale| *scale <= s).clamp(1, thickness.scale.len() - 1) - 1;
+        let (from, to) = (thickness.scale[k], thickness.scale[k + 1]);
+        let t = (s / from).ln() / (to / from).ln();
+        let pairs = rgb[k].iter().zip(&rgb[k + 1]);
+        pairs.map(|(a, b)| [0, 1, 2].map(|c| (1.0 - t) * a[c] + t * b[c])).collect()
+    }
+
+    /// Largest ΔE00 up to 85° between M and Ê of a stack at a scale and those of a bake of such thicknesses; its colours at scales.
+    fn apart_at(stack: &dyn Fn(f64) -> String, s: f64, wanted: Wanted) -> ([f64; 2], Thickness) {
+        let own = of(&recipe(&stack(1.0)), Wanted { thickness: true, ..wanted }, 0.3).unwrap().spectra;
+        own.validate().unwrap();
+        let other = of(&recipe(&stack(s)), wanted, 0.3).unwrap().spectra;
+        let thickness = own.thickness.clone().unwrap();
+        let worst = |theta_deg: &[f64], read: Vec<[f64; 3]>, truth_deg: &[f64], truth: &[[f64; 3]]| -> f64 {
+            let lab = |rgb: &[f64; 3]| colour::lab(colour::xyz_of_linear_srgb(*rgb));
+            let common = theta_deg.iter().zip(&read).filter(|(degrees, _)| **degrees <= JUDGED_DEG);
+            let found = common.filter_map(|(degrees, read)| {
+                let at = truth_deg.iter().position(|other| other == degrees)?;
+                Some(colour::delta_e_2000(lab(read), lab(&truth[at])))
+            });
+            found.fold(0.0, f64::max)
+        };
+        let (a, b) = (own.coherent.unwrap(), other.coherent.unwrap());
+        let coherent = worst(
+            &a.theta_deg,
+            read(&thickness, &thickness.modulation_rgb, s),
+            &b.theta_deg,
+            &b.modulation_rgb,
+        );
+        let (a, b) = (own.emission.unwrap(), other.emission.unwrap());
+        let emission =
+            worst(&a.theta_deg, read(&thickness, &thickness.radiance_rgb, s), &b.theta_deg, &b.radiance_rgb);
+        ([coherent, emission], thickness)
+    }
+
+    #[test]
+    fn colours_at_other_thicknesses_are_those_of_bakes_of_such_thicknesses() {
+        let stack = |s: f64| {
+            let (a, c) = (450.0 * s, 25.0 * s);
+            format!(
+                r#"{{"stack": {{"layers": 40, "aragonite": {{"thickness_nm": {a}, "k": 1e-4}}, "conchiolin": {{"thickness_nm": {c}}}}}}}"#
+            )
+        };
+        for s in [0.7, 0.83, 1.27, 1.4] {
+            let (apart, thickness) = apart_at(&stack, s, BOTH);
+            assert!(thickness.delta_e00.scales <= BETWEEN_SCALES && thickness.delta_e00.scaling == 0.0);
+            assert!(apart.iter().all(|apart| *apart <= 0.1), "{s}: {apart:?}");
+        }
+    }
+
+    #[test]
+    fn what_does_not_scale_is_said() {
+        let stack = |s: f64| {
+            let (a, c) = (450.0 * s, 25.0 * s);
+            format!(
+                r#"{{"stack": {{"layers": 20, "aragonite": {{"n": {{"cauchy": [1.52, 0.01]}}, "thickness_nm": {a}}}, "conchiolin": {{"thickness_nm": {c}}}}}}}"#
+            )
+        };
+        for s in [0.7, 1.4] {
+            let (apart, thickness) = apart_at(&stack, s, BOTH);
+            let (worst, said) = (apart[0].max(apart[1]), thickness.delta_e00.scaling);
+            assert!(worst > 1.0 && worst <= 1.3 * said, "{s}: {apart:?}, said {said}");
+        }
+    }
+
+    #[test]
+    fn thickness_as_a_control_leaves_the_colours_at_the_recipes_own() {
+        let recipe = recipe(r#"{"stack": {"layers": 6}, "look": {"thickness": {"min": 0.9, "max": 1.1}}}"#);
+        let plain = of(&recipe, BOTH, 1.0).unwrap().spectra;
+        let thick = of(&recipe, Wanted { thickness: true, ..BOTH }, 1.0).unwrap().spectra;
+        let visible = thick.visible();
+        assert_eq!(thick.wavelength_nm[visible.clone()], plain.wavelength_nm);
+        assert!(
+            thick.wavelength_nm[0] < 380.0 / 1.1 + 5.0
+                && thick.wavelength_nm.last().unwrap() > &(780.0 / 0.9 - 5.0)
+        );
+        let (wide, own) = (thick.coherent.unwrap(), plain.coherent.unwrap());
+        assert_eq!((&wide.theta_deg, &wide.modulation_rgb), (&own.theta_deg, &own.modulation_rgb));
+        assert!(
+            wide.modulation.iter().zip(&own.modulation).all(|(wide, own)| wide[visible.clone()] == own[..])
+        );
+        let section = thick.thickness.unwrap();
+        let one = section.scale.iter().position(|s| *s == 1.0).unwrap();
+        assert_eq!(section.modulation_rgb[one], own.modulation_rgb);
+        assert_eq!((section.scale[0], *section.scale.last().unwrap()), (0.9, 1.1));
+        assert!(plain.thickness.is_none());
+    }
+
+    #[test]
+    fn a_stack_without_an_index_beyond_the_visible_says_that_thickness_cannot_be_had() {
+        // n² is 5.2 at 380 nm, and −2.6 at 271 nm, beyond the pole at 316 nm.
+        let text =
+            r#"{"stack": {"layers": 4, "aragonite": {"n": {"sellmeier": {"b": [1.3], "c_um2": [0.1]}}}}}"#;
+        let wanted = Wanted { thickness: true, coherent: Want::IfPossible, ..Wanted::default() };
+        let error = of(&recipe(text), wanted, 1.0).unwrap_err().to_string();
+        assert!(error.starts_with("effects: thickness cannot be had: "), "{error}");
     }
 
     #[test]

@@ -15,6 +15,8 @@ pub struct Controls {
     pub body_rgb: [f64; 3],
     /// Factor of the interference colours M and Ê for art direction, each channel 0 to 1.
     pub tint_rgb: [f64; 3],
+    /// Scale of all thicknesses of the stack, and of their spreads: 1 is the recipe's.
+    pub thickness: f64,
     /// What is shown. Hiding a component leaves the others as they are.
     pub components: Components,
 }
@@ -70,6 +72,7 @@ impl Default for Controls {
             coherence: 0.5,
             body_rgb: [0.8, 0.78, 0.75],
             tint_rgb: [1.0; 3],
+            thickness: 1.0,
             components: Components::ALL,
         }
     }
@@ -99,6 +102,14 @@ pub enum BsdfError {
         /// Why the bake left it out; empty if the table does not say.
         reason: String,
     },
+    /// A thickness that the table has no colours of.
+    #[error("thickness: is {value}, expected {}", of_thickness(range))]
+    Thickness {
+        /// Value found.
+        value: f64,
+        /// Scales that there are: 1 and 1 of a table of one thickness.
+        range: [f64; 2],
+    },
     /// The table itself is not valid.
     #[error(transparent)]
     Table(#[from] lut_io::FieldError),
@@ -106,6 +117,13 @@ pub enum BsdfError {
 
 fn in_brackets(reason: &str) -> String {
     if reason.is_empty() { String::new() } else { format!(" ({reason})") }
+}
+
+fn of_thickness([from, to]: &[f64; 2]) -> String {
+    if from < to {
+        return format!("a number from {from} to {to}");
+    }
+    "1: the table has the colours of one thickness; bake the recipe with \"look\": {\"thickness\": {}} for more".to_owned()
 }
 
 impl Controls {

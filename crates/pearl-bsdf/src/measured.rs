@@ -67,6 +67,8 @@ const NEIGHBOURS: usize = 5;
 const PEDESTAL: f64 = 0.02;
 /// A band of the table is left out of a spectral file where neighbours miss it by less than this share of the spectrum's mean.
 const BAND_TOLERANCE: f64 = 1e-3;
+/// What is seen of bands that go beyond it.
+const VISIBLE_NM: std::ops::Range<f64> = 380.0..780.0;
 /// Wavelengths of a spectral file of a table without interference colours, nm.
 const PLAIN_NM: [f64; 2] = [360.0, 830.0];
 /// Smallest cos θo that is asked for.
@@ -113,7 +115,9 @@ impl Channels {
 /// those that are needed. A stop band is narrower than two bands, so that a look with coherence needs nearly all.
 #[must_use]
 pub fn wavelengths_nm(bsdf: &PearlBsdf) -> Vec<f64> {
-    let bands = bsdf.prepared().wavelengths_nm();
+    let bands: Vec<f64> =
+        bsdf.wavelengths_nm().iter().copied().filter(|nm| VISIBLE_NM.contains(nm)).collect();
+    let bands = &bands[..];
     let Some(last) = bands.len().checked_sub(1).filter(|last| *last > 0) else { return PLAIN_NM.to_vec() };
     // Mirror direction, the flank of the lobe, and the base alone, every 5°.
     let pairs = (0..18).flat_map(|i| [0.0, 8.0, 40.0].map(|off| (5.0 * f64::from(i), off)));

@@ -120,7 +120,8 @@ class Pearl:
     """A BSDF: a table with the artist's controls. What is not given is the look of the recipe in the table.
 
     `depth` (share of incoherent interference in the body), `brightness` (of the lobes) and `coherence` (share of coherent colour) are 0 to
-    1, `body_color` and `tint` linear sRGB (three numbers or one) within 0 to 1, `components` "all" or some of `Pearl.COMPONENTS`.
+    1, `body_color` and `tint` linear sRGB (three numbers or one) within 0 to 1, `thickness` a scale of all thicknesses (1, or what a table
+    baked with the recipe's `look.thickness` has colours of), `components` "all" or some of `Pearl.COMPONENTS`.
     Pearls of one `Table` share what is made of it.
 
     Directions have shape (…, 3) and any length but 0; one of the two may be a single one for all of the other.
@@ -136,6 +137,7 @@ class Pearl:
         coherence: float | None = None,
         body_color: ArrayLike | None = None,
         tint: ArrayLike | None = None,
+        thickness: float | None = None,
         components: str | Sequence[str] | None = None,
     ) -> Pearl: ...
     @property
@@ -176,7 +178,8 @@ def effects(recipe: _Recipe, look: dict[str, Any] | None = None) -> dict[str, di
     """Which effects a recipe calls for as it is looked at, each with `on` and `why`.
 
     `look` has what differs from the recipe's own: `depth`, `brightness`, `coherence`, `body_color` (None for a texture), `components`,
-    `variant` (a variant of Mitsuba, or mono, rgb, spectral, polarised), `texture` (a name for what varies over the surface).
+    `variant` (a variant of Mitsuba, or mono, rgb, spectral, polarised), `texture` (a name for what varies over the surface), `thickness`
+    (a name for what asks for other thicknesses).
     """
 
 def plan_pearls(

@@ -82,8 +82,13 @@ pub(crate) fn view(
                 let texture: Option<String> = value.extract().map_err(|_| field(&name, "is no name"))?;
                 view.texture = texture.map(|name| Setting::new(name, from));
             }
+            "thickness" => {
+                let asked: Option<String> = value.extract().map_err(|_| field(&name, "is no name"))?;
+                view.thickness = asked.map(|what| Setting::new(what, from)).or(view.thickness);
+            }
             _ => {
-                let known = "depth, brightness, coherence, body_color, components, variant, texture";
+                let known =
+                    "depth, brightness, coherence, body_color, components, variant, texture, thickness";
                 return Err(field("look", format_args!("{name:?} is not one of {known}")));
             }
         }

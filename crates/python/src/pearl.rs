@@ -44,7 +44,7 @@ struct NoDirection {
 #[pymethods]
 impl Pearl {
     #[new]
-    #[pyo3(signature = (table, *, depth=None, brightness=None, coherence=None, body_color=None, tint=None, components=None))]
+    #[pyo3(signature = (table, *, depth=None, brightness=None, coherence=None, body_color=None, tint=None, thickness=None, components=None))]
     fn new(
         py: Python<'_>,
         table: &Bound<'_, PyAny>,
@@ -53,6 +53,7 @@ impl Pearl {
         coherence: Option<f64>,
         body_color: Option<&Bound<'_, PyAny>>,
         tint: Option<&Bound<'_, PyAny>>,
+        thickness: Option<f64>,
         components: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let table = table_of(table)?;
@@ -63,6 +64,7 @@ impl Pearl {
             (&mut controls.depth, depth),
             (&mut controls.brightness, brightness),
             (&mut controls.coherence, coherence),
+            (&mut controls.thickness, thickness),
         ];
         for (control, given) in numbers {
             *control = given.unwrap_or(*control);
@@ -84,13 +86,14 @@ impl Pearl {
     /// The controls, by name.
     #[getter]
     fn controls<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let Controls { depth, brightness, coherence, body_rgb, tint_rgb, components } = *self.bsdf.controls();
+        let Controls { depth, brightness, coherence, body_rgb, tint_rgb, thickness, components } =
+            *self.bsdf.controls();
         let on = [components.diffuse, components.incoherent, components.mirror, components.blur];
         let names: Vec<&str> =
             Components::NAMES.into_iter().zip(on).filter_map(|(name, on)| on.then_some(name)).collect();
         let controls = serde_json::json!({
             "depth": depth, "brightness": brightness, "coherence": coherence,
-            "body_color": body_rgb, "tint": tint_rgb, "components": names,
+            "body_color": body_rgb, "tint": tint_rgb, "thickness": thickness, "components": names,
         });
         to_python(py, &controls)
     }

@@ -103,6 +103,7 @@ fn without(set: EffectSet, effect: Effect) -> EffectSet {
 fn not_shown(effect: Effect, on: bool, pearl: &PlannedPearl) -> Option<String> {
     match effect {
         Effect::Texture => Some("a texture costs no data; the picture has none".to_owned()),
+        Effect::Thickness => Some("the picture is of the recipe's own thickness".to_owned()),
         Effect::Azimuth if on => Some("the blur has an azimuth always; the recipe chooses which".to_owned()),
         _ if on => None,
         Effect::Azimuth | Effect::Polarisation | Effect::CoherentSheets
@@ -156,6 +157,7 @@ fn controls(view: &View, effects: EffectSet, table: &Table) -> Controls {
         brightness: view.brightness.value,
         body_rgb: view.body.value.unwrap_or(recipe.body_rgb).map(|channel| channel * has(Effect::Body)),
         tint_rgb: [1.0; 3],
+        thickness: 1.0,
         components: Components {
             diffuse: shown.diffuse,
             incoherent: shown.incoherent,

@@ -24,7 +24,7 @@ static TABLE: LazyLock<Vec<[f64; 4]>> = LazyLock::new(|| {
 pub const VISIBLE: [f64; 2] = [380e-9, 780e-9];
 
 /// (x̄, ȳ, z̄)·D65 at a wavelength in metres.
-fn weights(wavelength: f64) -> Xyz {
+pub(crate) fn weights(wavelength: f64) -> Xyz {
     let position = (wavelength * 1e9 - 380.0).clamp(0.0, 400.0);
     let below = (position as usize).min(TABLE.len() - 2);
     let t = position - below as f64;
@@ -64,6 +64,17 @@ pub fn linear_srgb(xyz: Xyz) -> [f64; 3] {
         [0.055_643_4, -0.204_025_9, 1.057_225_2],
     ];
     M.map(|row| row.iter().zip(xyz).map(|(m, x)| m * x).sum())
+}
+
+/// Tristimulus values of a colour in linear sRGB: the inverse of [`linear_srgb`].
+#[must_use]
+pub fn xyz_of_linear_srgb(rgb: [f64; 3]) -> Xyz {
+    const M: [[f64; 3]; 3] = [
+        [0.412_456_4, 0.357_576_1, 0.180_437_5],
+        [0.212_672_9, 0.715_152_2, 0.072_175_0],
+        [0.019_333_9, 0.119_192_0, 0.950_304_1],
+    ];
+    M.map(|row| row.iter().zip(rgb).map(|(m, x)| m * x).sum())
 }
 
 /// Non-linear sRGB in 0–255 of a linear colour, clipped.

@@ -13,6 +13,9 @@ use crate::{dense, ensemble};
 pub struct Sampling {
     /// Bands of equal width over [`colour::VISIBLE`].
     pub bands: usize,
+    /// Further bands of that width below and above it: a stack with all thicknesses times s shows at λ what it shows at λ/s
+    /// ([`Scaled`]).
+    pub beyond: [usize; 2],
     /// Wavelengths a band, 1 or more: fringes finer than their distance alias.
     pub per_band: usize,
     /// Members of the ensemble of an irregular stack.
@@ -36,6 +39,23 @@ pub struct Banded {
     pub change: Option<f64>,
     /// ΔE00 between the colour and that of the bands, read linearly between their centres.
     pub between_bands: f64,
+    /// The single wavelengths, and tristimulus values at the smallest and the largest scale that they serve; empty without bands beyond
+    /// the visible range.
+    pub spectrum: Vec<f64>,
+    /// See [`Self::spectrum`].
+    pub ends: Vec<Xyz>,
+}
+
+/// What makes colours of a spectrum at a scale s of all thicknesses: Maxwell's equations have no length of their own, so that with indices
+/// that do not depend on the wavelength a stack s times as thick shows at λ what the stack itself shows at λ/s.
+#[derive(Clone, Debug)]
+pub struct Scaled {
+    /// The first wavelength that is seen.
+    first: usize,
+    /// Tristimulus weights of the wavelengths from there on.
+    xyz: Vec<Xyz>,
+    /// Linear sRGB of a spectrum of 1.
+    white: [f64; 3],
 }
 
 /// M at angles (radians): the coherent reflectance of unpolarised light over R_incoherent, one positive number an angle
@@ -54,11 +74,14 @@ pub fn modulation(
         let spectra = dense::spectra_for_means(member, &wavelengths, angles, None)?;
         Ok((0..angles.len()).map(|at| spectra.unpolarised_reflectance(at)).collect())
     })?;
-    let row = |(at, incoherent): (usize, &f64)| sampling.banded(&coherent, at, *incoherent, 1.0 / incoherent);
+    let ends = sampling.ends();
+    let row = |(at, incoherent): (usize, &f64)| {
+        sampling.banded(&coherent, &ends, at, *incoherent, 1.0 / incoherent)
+    };
     Ok(incoherent.par_iter().enumerate().map(row).collect())
 }
 
-/// Ê at angles (radians, below 90°): [`emission::radiance`] with unit mean over the bands, so that the hue goes with the view
+/// Ê at angles (radians, below 90°): [`emission::radiance`] with unit mean over the visible bands, so that the hue goes with the view
 /// and the brightness stays with the base. 1 where nothing comes out.
 ///
 /// # Errors
@@ -73,12 +96,66 @@ pub fn emission(
     let radiance = Means::new(stack, sampling, angles.len(), |member| {
         emission::of_member(member, profile, &wavelengths, angles)
     })?;
+    let ends = sampling.ends();
     let row = |at: usize| {
-        let mean = sampling.band_means(&radiance.mean[at]).iter().sum::<f64>() / sampling.bands as f64;
+        let visible = sampling.visible(&radiance.mean[at]);
+        let mean = sampling.band_means(visible).iter().sum::<f64>() / sampling.bands as f64;
         let unit = if mean > 0.0 { mean } else { 1.0 };
-        sampling.banded(&radiance, at, unit, f64::INFINITY)
+        sampling.banded(&radiance, &ends, at, unit, f64::INFINITY)
     };
     Ok((0..angles.len()).into_par_iter().map(row).collect())
+}
+
+impl Scaled {
+    /// At a scale that the bands of a sampling serve.
+    #[must_use]
+    pub fn new(sampling: Sampling, scale: f64) -> Self {
+        let seen = sampling.wavelengths().into_iter().map(|wavelength| scale * wavelength).enumerate();
+        let [from, to] = colour::VISIBLE;
+        // The ends have no weight to speak of.
+        let seen: Vec<_> = seen.filter(|(_, wavelength)| (from..=to).contains(wavelength)).collect();
+        let weights: Vec<Xyz> = seen.iter().map(|(_, wavelength)| colour::weights(*wavelength)).collect();
+        let luminance: f64 = weights.iter().map(|weight| weight[1]).sum();
+        let xyz: Vec<Xyz> = weights.iter().map(|weight| weight.map(|w| w / luminance)).collect();
+        let white = colour::linear_srgb(xyz.iter().fold([0.0; 3], |sum, w| [0, 1, 2].map(|i| sum[i] + w[i])));
+        Self { first: seen.first().map_or(0, |(at, _)| *at), xyz, white }
+    }
+
+    /// Tristimulus values of a spectrum, not clipped.
+    #[must_use]
+    pub fn xyz(&self, spectrum: &[f64]) -> Xyz {
+        let mut sum = [0.0; 3];
+        for (weight, value) in self.xyz.iter().zip(&spectrum[self.first..]) {
+            (0..3).for_each(|i| sum[i] += weight[i] * value);
+        }
+        sum
+    }
+
+    /// Linear sRGB of a spectrum, no channel below 0 or above `most`; 1, 1, 1 for one that is 1 everywhere.
+    #[must_use]
+    pub fn rgb(&self, spectrum: &[f64], most: f64) -> [f64; 3] {
+        let rgb = colour::linear_srgb(self.xyz(spectrum));
+        [0, 1, 2].map(|c| (rgb[c] / self.white[c]).clamp(0.0, most))
+    }
+
+    /// Mean over the wavelengths that are seen.
+    #[must_use]
+    pub fn mean(&self, spectrum: &[f64]) -> f64 {
+        spectrum[self.first..].iter().take(self.xyz.len()).sum::<f64>() / self.xyz.len() as f64
+    }
+
+    /// [`Banded::change`]: without every second wavelength.
+    fn change(&self, spectrum: &[f64]) -> f64 {
+        let mut sums = [[0.0; 3]; 2];
+        let mut white = [0.0; 2];
+        for (at, (weight, value)) in self.xyz.iter().zip(&spectrum[self.first..]).enumerate() {
+            (0..3).for_each(|i| sums[at % 2][i] += weight[i] * value);
+            white[at % 2] += weight[1];
+        }
+        let all = [0, 1, 2].map(|i| sums[0][i] + sums[1][i]);
+        let half = sums[0].map(|x| x / white[0]);
+        colour::delta_e_2000(colour::lab(all), colour::lab(half))
+    }
 }
 
 /// Spectra of an ensemble.
@@ -111,13 +188,13 @@ impl Means {
         let members = ensemble::count(stack, sampling.members);
         let share = 1.0 / members as f64;
         let mut means = Self {
-            mean: vec![vec![0.0; sampling.bands * sampling.per_band + 1]; angles],
+            mean: vec![vec![0.0; sampling.all_bands() * sampling.per_band + 1]; angles],
             colours: vec![Vec::new(); angles],
             is_irregular: stack.is_irregular(),
         };
         let of = |member: &Stack| -> Result<Vec<(Vec<f64>, Xyz)>, StackError> {
             let with_colour = |row: Vec<f64>| {
-                let colour = colour::xyz(&row);
+                let colour = colour::xyz(sampling.visible(&row));
                 (row, colour)
             };
             Ok(of_member(member)?.into_iter().map(with_colour).collect())
@@ -134,16 +211,15 @@ impl Means {
     }
 
     /// [`Banded::noise`] at an angle, in some unit.
-    fn noise(&self, at: usize, unit: f64) -> Option<f64> {
+    fn noise(&self, visible: &[f64], at: usize, unit: f64) -> Option<f64> {
         let scaled = |xyz: &Xyz| xyz.map(|x| x / unit);
         let colours: Vec<Xyz> = self.colours[at].iter().map(scaled).collect();
-        let mean = scaled(&colour::xyz(&self.mean[at]));
+        let mean = scaled(&colour::xyz(visible));
         colour::standard_error(&colours, mean, self.is_irregular).map(|error| 2.0 * error)
     }
 
-    /// [`Banded::change`] at an angle, in some unit.
-    fn change(&self, at: usize, unit: f64) -> Option<f64> {
-        let row = &self.mean[at];
+    /// [`Banded::change`] of a visible spectrum, in some unit.
+    fn change(row: &[f64], unit: f64) -> Option<f64> {
         // Both ends are among every second one.
         let every_second: Vec<f64> = row.iter().step_by(2).copied().collect();
         let lab = |row: &[f64]| colour::lab(colour::xyz(row).map(|x| x / unit));
@@ -152,9 +228,31 @@ impl Means {
 }
 
 impl Sampling {
-    /// The edges of the bands among them.
+    /// All bands.
+    #[must_use]
+    pub const fn all_bands(&self) -> usize {
+        self.beyond[0] + self.bands + self.beyond[1]
+    }
+
+    /// The smallest and the largest scale of all thicknesses that the bands serve.
+    #[must_use]
+    pub fn scales(&self) -> [f64; 2] {
+        let [from, to] = colour::VISIBLE;
+        let width = (to - from) / self.bands as f64;
+        [to / (to + width * self.beyond[1] as f64), from / (from - width * self.beyond[0] as f64)]
+    }
+
+    /// The edges of the bands among them, metres.
     fn wavelengths(&self) -> Vec<f64> {
-        colour::wavelengths(self.bands * self.per_band + 1)
+        let [from, to] = colour::VISIBLE;
+        let step = (to - from) / (self.bands * self.per_band) as f64;
+        let below = (self.beyond[0] * self.per_band) as f64;
+        (0..=self.all_bands() * self.per_band).map(|i| from + step * (i as f64 - below)).collect()
+    }
+
+    /// What of a spectrum is visible.
+    fn visible<'v>(&self, values: &'v [f64]) -> &'v [f64] {
+        &values[self.beyond[0] * self.per_band..][..=self.bands * self.per_band]
     }
 
     /// Both edges of a band included (trapezoid rule).
@@ -164,24 +262,36 @@ impl Sampling {
             let ends = 0.5 * (inside[0] + inside[self.per_band]);
             (ends + inside[1..self.per_band].iter().sum::<f64>()) / self.per_band as f64
         };
-        (0..self.bands).map(mean).collect()
+        (0..(values.len() - 1) / self.per_band).map(mean).collect()
+    }
+
+    /// What makes colours at the ends of the range of scales, where there is one.
+    fn ends(&self) -> Vec<Scaled> {
+        if self.beyond == [0; 2] {
+            return Vec::new();
+        }
+        self.scales().map(|scale| Scaled::new(*self, scale)).into()
     }
 
     /// The mean at an angle in some unit, colours up to `most`.
-    fn banded(&self, means: &Means, at: usize, unit: f64, most: f64) -> Banded {
-        let values: Vec<f64> = means.mean[at].iter().map(|value| (value / unit).clamp(0.0, most)).collect();
+    fn banded(&self, means: &Means, ends: &[Scaled], at: usize, unit: f64, most: f64) -> Banded {
+        let whole: Vec<f64> = means.mean[at].iter().map(|value| (value / unit).clamp(0.0, most)).collect();
+        let values = self.visible(&whole);
         let white = colour::linear_srgb(colour::xyz(&vec![1.0; values.len()]));
-        let xyz = colour::xyz(&values);
+        let xyz = colour::xyz(values);
         let rgb = colour::linear_srgb(xyz);
-        let bands = self.band_means(&values);
-        let read = colour::xyz(&self.read_between(&bands));
+        let read = colour::xyz(&self.read_between(&self.band_means(values)));
+        let visible = self.visible(&means.mean[at]);
+        let change = Means::change(visible, unit);
         Banded {
             rgb: [0, 1, 2].map(|c| (rgb[c] / white[c]).clamp(0.0, most)),
-            noise: means.noise(at, unit),
-            change: means.change(at, unit),
+            noise: means.noise(visible, at, unit),
+            change: change.map(|change| ends.iter().map(|end| end.change(&whole)).fold(change, f64::max)),
             between_bands: colour::delta_e_2000(colour::lab(xyz), colour::lab(read)),
-            bands,
+            bands: self.band_means(&whole),
             xyz,
+            ends: ends.iter().map(|end| end.xyz(&whole)).collect(),
+            spectrum: if ends.is_empty() { Vec::new() } else { whole },
         }
     }
 

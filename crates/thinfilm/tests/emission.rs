@@ -120,7 +120,7 @@ fn sources_that_fall_off_count_as_their_mean_in_each_layer() {
 #[test]
 fn the_emission_has_unit_mean_and_the_modulation_is_bounded_to_grazing() {
     let stack = pearl(0.03, 0.0);
-    let sampling = Sampling { bands: 10, per_band: 4, members: 4, seed: 1 };
+    let sampling = Sampling { bands: 10, beyond: [0; 2], per_band: 4, members: 4, seed: 1 };
     let profile = SourceProfile::Exponential { depth: 5e-6 };
     for row in modulation::emission(&stack, profile, &[0.0, 1.2], sampling).unwrap() {
         assert!((row.bands.iter().sum::<f64>() / 10.0 - 1.0).abs() < 1e-12);

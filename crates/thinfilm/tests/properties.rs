@@ -305,7 +305,7 @@ proptest! {
                 prop_assert!(spectra.reflectance(0, pol).iter().chain(spectra.transmittance(0, pol)).all(|x| x.is_finite()));
             }
         }
-        let sampling = modulation::Sampling { bands: 3, per_band: 2, members: 2, seed };
+        let sampling = modulation::Sampling { bands: 3, beyond: [0; 2], per_band: 2, members: 2, seed };
         for profile in [SourceProfile::Uniform, SourceProfile::Substrate, SourceProfile::Exponential { depth: finite(width) }] {
             let rows = [
                 modulation::modulation(&stack, &[0.5], &[theta], sampling),

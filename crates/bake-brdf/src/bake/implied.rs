@@ -109,7 +109,9 @@ fn colours(request: &Request, table: &Table) -> Result<Finding, BakeError> {
         worst.note(if found.len() == implied.len() { apart / largest } else { f64::INFINITY }, 0.0);
     };
     let lists = |spectra: &Option<Spectra>| -> Vec<Vec<f64>> {
-        let Some(Spectra { wavelength_nm, coherent, emission }) = spectra else { return Vec::new() };
+        let Some(Spectra { wavelength_nm, coherent, emission, thickness }) = spectra else {
+            return Vec::new();
+        };
         let coherent = coherent.iter().flat_map(|part| {
             [
                 part.theta_deg.clone(),
@@ -121,7 +123,11 @@ fn colours(request: &Request, table: &Table) -> Result<Finding, BakeError> {
         let emission = emission
             .iter()
             .flat_map(|part| [part.theta_deg.clone(), part.radiance.concat(), part.radiance_rgb.concat()]);
-        std::iter::once(wavelength_nm.clone()).chain(coherent).chain(emission).collect()
+        let thickness = thickness.iter().flat_map(|part| {
+            let rgb = [&part.modulation_rgb, &part.radiance_rgb].map(|scales| scales.concat().concat());
+            rgb.into_iter().chain([part.scale.clone(), part.radiance_mean.concat()])
+        });
+        std::iter::once(wavelength_nm.clone()).chain(coherent).chain(emission).chain(thickness).collect()
     };
     let (found, lists) = (lists(&meta.spectra), lists(&implied));
     same(&[found.len() as f64], &[lists.len() as f64]);

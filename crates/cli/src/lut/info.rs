@@ -3,7 +3,7 @@
 use crate::{FileArg, read};
 use lut_io::axis::ExitAxis;
 use lut_io::both_sides::BothSides;
-use lut_io::spectra::ColourError;
+use lut_io::spectra::{ColourError, Thickness, ThicknessError};
 use lut_io::table::{AzimuthMode, IncidenceSummary, Meta};
 use std::fmt::Write as _;
 use terminal::{Outcome, Stop};
@@ -62,6 +62,17 @@ fn text(meta: &Meta) -> String {
         ];
         let known = errors.iter().filter_map(|(name, error)| Some(colours(name, (*error)?)));
         line("colours", known.collect::<Vec<_>>().join("; "));
+        if let Some(Thickness { scale, delta_e00, .. }) = &spectra.thickness {
+            let (from, to) = (scale[0], scale[scale.len() - 1]);
+            let ThicknessError { scales, scaling } = delta_e00;
+            line(
+                "thickness",
+                format!(
+                    "{from} to {to} at {} scales, to {scales} dE00 between them, {scaling} by what does not scale",
+                    scale.len()
+                ),
+            );
+        }
     }
     text.push_str("\n  theta_i   albedo    +-      surface  transmitted  absorbed  mean exit     sd    skew     paths\n");
     for summary in &meta.per_incidence {

@@ -5,7 +5,7 @@ use pearl_bsdf::{BsdfError, Components, Controls, PearlBsdf};
 use std::path::PathBuf;
 use terminal::Stop;
 
-/// Asks a pearl table as a renderer would: values, samples, furnace, pictures.
+/// Asks a pearl table as a renderer would: values, samples, furnace, pictures; and shows it in a browser.
 #[derive(Debug, Parser)]
 #[command(name = "pearl", version)]
 #[command(after_help = "Examples:
@@ -13,7 +13,9 @@ use terminal::Stop;
   pearl eval pearl.exr --input dirs.jsonl     {\"wi\":[0,0,1],\"wo\":[0.1,0,0.995]} a line, - for stdin
   pearl sample pearl.exr --wi 0.5,0,0.866 -n 1000 --seed 7
   pearl furnace pearl.exr --json              a white surrounding as it is seen; exit 3 if it exceeds 1 + 1e-4
-  pearl preview pearl.exr --coherence 1 --depth 0.8 --body-rgb 0.1,0.1,0.12 -o black")]
+  pearl preview pearl.exr --coherence 1 --depth 0.8 --body-rgb 0.1,0.1,0.12 -o black
+  pearl studio akoya                          the simulator in the browser, until Ctrl-C
+  pearl page pearl.exr -o page.html           the same with this table as one file: no server, no network")]
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
@@ -32,6 +34,10 @@ pub(crate) enum Command {
     Furnace(FurnaceArgs),
     /// Pictures of a sphere and a swatch under a distant light and a sky, as PNG.
     Preview(PreviewArgs),
+    /// The pearl simulator in the browser, with the physics live. Prints its URL, and serves it on this machine alone until Ctrl-C.
+    Studio(StudioArgs),
+    /// The simulator with a table in it as one HTML file, for mails, papers and galleries.
+    Page(PageArgs),
     /// Print a shell completion script.
     Completions {
         /// bash, elvish, fish, powershell or zsh.
@@ -96,6 +102,37 @@ pub(crate) struct PreviewArgs {
     pub(crate) seed: u64,
 }
 
+#[derive(Args, Debug)]
+#[command(after_help = "Examples:
+  pearl studio                                the paper's pearl
+  pearl studio akoya --no-browser             a built-in recipe; open the URL that is printed
+  pearl studio recipe.json --port 8123
+  pearl studio pearl.exr                      a table, and its recipe")]
+pub(crate) struct StudioArgs {
+    /// A recipe (a file, a built-in name, or - for stdin) or a table (.exr).
+    #[arg(value_name = "RECIPE|LUT", default_value = "paper")]
+    pub(crate) start: PathBuf,
+    /// Port to listen on [default: any that is free].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) port: Option<u16>,
+    /// Open no browser.
+    #[arg(long)]
+    pub(crate) no_browser: bool,
+}
+
+#[derive(Args, Debug)]
+#[command(after_help = "Examples:
+  pearl page pearl.exr -o page.html           open it from anywhere, also without a network
+  bake-brdf recipe.json -o pearl.exr          with \"look\": {\"thickness\": {}} in the recipe, thickness moves in the page, too")]
+pub(crate) struct PageArgs {
+    /// Table (EXR) that bake-brdf wrote.
+    #[arg(value_name = "LUT")]
+    pub(crate) table: PathBuf,
+    /// The file to write.
+    #[arg(short, long, value_name = "HTML")]
+    pub(crate) output: PathBuf,
+}
+
 /// A table and its controls; what is not given is as in the recipe in the table.
 #[derive(Args, Debug)]
 pub(crate) struct Pearl {
@@ -117,6 +154,9 @@ pub(crate) struct Pearl {
     /// Factor of the interference colours, linear sRGB, each 0 to 1.
     #[arg(long, value_name = "R,G,B", value_parser = triple, allow_hyphen_values = true)]
     tint_rgb: Option<Triple>,
+    /// Scale of all thicknesses, of a table baked for it (look.thickness) [default: 1].
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
+    thickness: Option<f64>,
     /// What to show: all, or a list of diffuse, incoherent, mirror, blur [default: all].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     components: Option<Vec<String>>,
@@ -154,6 +194,7 @@ impl Pearl {
         controls.coherence = self.coherence.unwrap_or(controls.coherence);
         controls.body_rgb = self.body_rgb.unwrap_or(controls.body_rgb);
         controls.tint_rgb = self.tint_rgb.unwrap_or(controls.tint_rgb);
+        controls.thickness = self.thickness.unwrap_or(controls.thickness);
         if let Some(names) = &self.components {
             controls.components =
                 Components::from_names(names.iter().map(String::as_str)).ok_or_else(|| {

@@ -122,6 +122,9 @@ impl Band {
         };
         for (i, own) in own.iter().enumerate() {
             let factor = coherent.incoherent[i] / own;
+            for rows in spectra.thickness.iter_mut().flat_map(|thickness| &mut thickness.modulation_rgb) {
+                rows[i] = rows[i].map(|m| m * factor);
+            }
             coherent.modulation[i].iter_mut().for_each(|m| *m *= factor);
             coherent.modulation_rgb[i] = coherent.modulation_rgb[i].map(|m| m * factor);
             coherent.incoherent[i] = *own;

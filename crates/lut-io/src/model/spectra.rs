@@ -18,7 +18,8 @@ const MAX_VALUE: f64 = 1e6;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spectra {
-    /// Band centres, vacuum wavelength in nm, ascending and equally spaced. Values are means over the band.
+    /// Band centres, vacuum wavelength in nm, ascending and equally spaced. Values are means over the band. From 380 to 780 nm; with
+    /// `thickness` as far beyond as its scales take.
     pub wavelength_nm: Vec<f64>,
     /// Colour of the lobes (effect `coherent`).
     #[serde(skip_serializing_if = "Option::is_none", default)]
@@ -26,6 +27,40 @@ pub struct Spectra {
     /// Colour of the base (effect `emission`).
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub emission: Option<Emission>,
+    /// The same at other thicknesses (effect `thickness`).
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub thickness: Option<Thickness>,
+}
+
+/// Colours at scales s of all thicknesses. At the wavelength λ a stack s times as thick has the M of λ/s, and the emission of λ/s in
+/// units of its mean over the visible range; its colours in linear sRGB are stored, and read linearly in ln s.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Thickness {
+    /// Scales, ascending; 1 among them, equal ratios below it and above it.
+    pub scale: Vec<f64>,
+    /// M in linear sRGB, `[scale][θ]`, θ of `coherent`; empty without it.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub modulation_rgb: Vec<Vec<[f64; 3]>>,
+    /// Ê in linear sRGB, `[scale][θ]`, θ of `emission`; empty without it.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub radiance_rgb: Vec<Vec<[f64; 3]>>,
+    /// Mean of `emission.radiance` over what is visible at a scale, `[scale][θ]`: what it is divided by there.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub radiance_mean: Vec<Vec<f64>>,
+    /// Error of the colours.
+    pub delta_e00: ThicknessError,
+}
+
+/// How far a colour at a scale is from that of a stack of such thicknesses, CIEDE2000, at the worst angle up to 85°.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ThicknessError {
+    /// Read between scales.
+    pub scales: f64,
+    /// Of what does not scale, at the smallest and the largest scale: indices that depend on the wavelength, the depth of a source; 0
+    /// where all scales.
+    pub scaling: f64,
 }
 
 /// Section `spectra_missing`: why colours that the recipe's look calls for are not there, in words.
@@ -117,7 +152,21 @@ impl Spectra {
                 radiance_rgb: rgb(&emission.radiance_rgb),
                 delta_e00: emission.delta_e00,
             }),
+            thickness: self.thickness.as_ref().map(|thickness| Thickness {
+                scale: thickness.scale.clone(),
+                modulation_rgb: thickness.modulation_rgb.iter().map(rgb).collect(),
+                radiance_rgb: thickness.radiance_rgb.iter().map(rgb).collect(),
+                radiance_mean: rows(&thickness.radiance_mean),
+                delta_e00: thickness.delta_e00,
+            }),
         }
+    }
+
+    /// The bands between 380 and 780 nm.
+    #[must_use]
+    pub fn visible(&self) -> std::ops::Range<usize> {
+        let below = |limit: f64| self.wavelength_nm.partition_point(|nm| *nm < limit);
+        if self.thickness.is_some() { below(380.0)..below(780.0) } else { 0..self.wavelength_nm.len() }
     }
 
     /// Checks shapes and ranges.
@@ -143,8 +192,49 @@ impl Spectra {
             check_rows("emission.radiance", radiance, theta_deg.len(), bands)?;
             check_rows("emission.radiance_rgb", radiance_rgb, theta_deg.len(), 3)?;
         }
+        let angles = [
+            self.coherent.as_ref().map_or(0, |part| part.theta_deg.len()),
+            self.emission.as_ref().map_or(0, |part| part.theta_deg.len()),
+        ];
+        self.thickness.as_ref().map_or(Ok(()), |thickness| thickness.validate(angles))
+    }
+}
+
+impl Thickness {
+    /// For so many angles of M and of Ê, 0 where there is none.
+    fn validate(&self, [coherent, emission]: [usize; 2]) -> Result<(), FieldError> {
+        check_axis("thickness.scale", &self.scale, 2, |s| (0.01..=100.0).contains(&s), "0.01 to 100")?;
+        ensure("thickness.scale", self.scale.contains(&1.0), || "has no 1 among its scales".to_owned())?;
+        for (name, error) in [("scales", self.delta_e00.scales), ("scaling", self.delta_e00.scaling)] {
+            let name = format!("thickness.delta_e00.{name}");
+            check(&name, error, error.is_finite() && error >= 0.0, "a colour difference, 0 or more")?;
+        }
+        let rgb = [
+            ("thickness.modulation_rgb", &self.modulation_rgb, coherent),
+            ("thickness.radiance_rgb", &self.radiance_rgb, emission),
+        ];
+        for (name, scales, angles) in rgb {
+            check_scales(name, scales.len(), self.scale.len(), angles)?;
+            for (k, rows) in scales.iter().enumerate() {
+                check_rows(&format!("{name}[{k}]"), rows, angles, 3)?;
+            }
+        }
+        let name = "thickness.radiance_mean";
+        check_scales(name, self.radiance_mean.len(), self.scale.len(), emission)?;
+        for (k, row) in self.radiance_mean.iter().enumerate() {
+            let name = format!("{name}[{k}]");
+            check_length(&name, row.len(), emission, "angles")?;
+            check_values(&name, row)?;
+            let dark = row.iter().position(|mean| *mean == 0.0);
+            dark.map_or(Ok(()), |i| check(&format!("{name}[{i}]"), 0.0, false, "more than 0"))?;
+        }
         Ok(())
     }
+}
+
+/// As many rows as there are scales; none where there are no angles.
+fn check_scales(name: &str, found: usize, scales: usize, angles: usize) -> Result<(), FieldError> {
+    check_length(name, found, if angles == 0 { 0 } else { scales }, "scales")
 }
 
 fn check_angles(name: &str, theta_deg: &[f64]) -> Result<(), FieldError> {
@@ -228,7 +318,18 @@ mod tests {
                 radiance_rgb: vec![[1.0; 3]; 2],
                 delta_e00: ColourError::default(),
             }),
+            thickness: Some(Thickness {
+                scale: vec![0.9, 1.0, 1.1],
+                modulation_rgb: vec![vec![[0.5; 3]; 2]; 3],
+                radiance_rgb: vec![vec![[1.0; 3]; 2]; 3],
+                radiance_mean: vec![vec![1.0; 2]; 3],
+                delta_e00: ThicknessError::default(),
+            }),
         }
+    }
+
+    fn thickness(spectra: &mut Spectra) -> &mut Thickness {
+        spectra.thickness.as_mut().unwrap()
     }
 
     fn coherent(spectra: &mut Spectra) -> &mut Coherent {
@@ -248,7 +349,7 @@ mod tests {
     #[test]
     fn every_flaw_is_refused_with_its_field() {
         #[allow(clippy::type_complexity)] // a list of named breakages
-        let breaks: [(&str, fn(&mut Spectra)); 10] = [
+        let breaks: [(&str, fn(&mut Spectra)); 17] = [
             ("wavelength_nm", |s| s.wavelength_nm.clear()),
             ("wavelength_nm[1]", |s| s.wavelength_nm[1] = 450.0),
             ("coherent.theta_deg", |s| coherent(s).theta_deg[1] = 89.0),
@@ -259,6 +360,13 @@ mod tests {
             ("emission.radiance[0][1]", |s| emission(s).radiance[0][1] = f64::NAN),
             ("emission.radiance_rgb[1][2]", |s| emission(s).radiance_rgb[1][2] = -1e-3),
             ("emission.theta_deg", |s| emission(s).theta_deg = vec![0.0; MAX_NODES + 1]),
+            ("thickness.scale", |s| thickness(s).scale[1] = 1.01),
+            ("thickness.scale[0]", |s| thickness(s).scale[0] = 0.0),
+            ("thickness.delta_e00.scaling", |s| thickness(s).delta_e00.scaling = f64::NAN),
+            ("thickness.modulation_rgb", |s| thickness(s).modulation_rgb.truncate(2)),
+            ("thickness.radiance_rgb[2]", |s| thickness(s).radiance_rgb[2].truncate(1)),
+            ("thickness.radiance_mean[1][0]", |s| thickness(s).radiance_mean[1][0] = 0.0),
+            ("thickness.modulation_rgb", |s| s.coherent = None),
         ];
         assert_eq!(spectra().validate(), Ok(()));
         for (field, damage) in breaks {

@@ -557,18 +557,22 @@ fn accuracy(table: &Table) -> Option<Finding> {
     ))
 }
 
-/// What holds of all colours: M is at most 1/R_incoherent, the mean of Ê over the bands is 1.
+/// What holds of all colours: M is at most 1/R_incoherent, the mean of Ê over the visible bands is 1.
 fn colours(table: &Table, spectra: &Spectra) -> Finding {
     let mut worst = Worst::of(table);
     if let Some(coherent) = &spectra.coherent {
         for (k, theta) in coherent.theta_deg.iter().enumerate() {
             let rows = coherent.modulation[k].iter().chain(&coherent.modulation_rgb[k]);
             let largest = rows.copied().fold(0.0, f64::max);
+            let scales = spectra.thickness.iter().flat_map(|thickness| &thickness.modulation_rgb);
+            let largest = scales.flat_map(|rows| rows[k]).fold(largest, f64::max);
             worst.note(largest * coherent.incoherent[k] - 1.0, *theta);
         }
     }
     if let Some(emission) = &spectra.emission {
+        let visible = spectra.visible();
         for (theta, row) in emission.theta_deg.iter().zip(&emission.radiance) {
+            let row = &row[visible.clone()];
             worst.note((row.iter().sum::<f64>() / row.len() as f64 - 1.0).abs(), *theta);
         }
     }

@@ -231,7 +231,11 @@ impl Findings {
         fn lists(of: &[Vec<f64>]) -> Vec<&[f64]> {
             of.iter().map(|row| &row[..]).collect()
         }
+        fn all(of: &[Vec<[f64; 3]>]) -> Vec<&[f64]> {
+            of.iter().flat_map(|of| rows(of)).collect()
+        }
         let mut pairs: Vec<(&str, Rows<'_>)> = Vec::new();
+        let before = self.not_compared.len();
         match (&a.coherent, &b.coherent) {
             (Some(x), Some(y)) if x.theta_deg == y.theta_deg && a.wavelength_nm == b.wavelength_nm => {
                 pairs.push(("coherent.modulation", (lists(&x.modulation), lists(&y.modulation))));
@@ -248,6 +252,17 @@ impl Findings {
             }
             (None, None) => {}
             _ => self.not_compared.push("spectra.emission: other angles, or in one of them alone".to_owned()),
+        }
+        let both_compared = self.not_compared.len() == before;
+        match (&a.thickness, &b.thickness) {
+            (Some(x), Some(y)) if x.scale == y.scale && both_compared => {
+                pairs.push(("thickness.modulation_rgb", (all(&x.modulation_rgb), all(&y.modulation_rgb))));
+                pairs.push(("thickness.radiance_rgb", (all(&x.radiance_rgb), all(&y.radiance_rgb))));
+            }
+            (None, None) => {}
+            _ => {
+                self.not_compared.push("spectra.thickness: other scales, or in one of them alone".to_owned())
+            }
         }
         for (name, (x, y)) in pairs {
             let largest = x.iter().copied().flatten().fold(0.0, |most: f64, value| most.max(value.abs()));

@@ -2,7 +2,7 @@
 
 use crate::controls::{Components, Controls};
 use crate::numerics::curve::{self, Curve, Place, Quads};
-use crate::prepare::channels::{Coloured, Kind};
+use crate::prepare::channels::{self, Kind};
 use crate::prepare::{Band, Prepared};
 use std::f64::consts::PI;
 
@@ -29,6 +29,82 @@ pub(crate) struct Colours {
     body: Channels,
     tint: Channels,
     depth: f64,
+}
+
+/// Prepared curves of three channels, as they are at a scale of the thicknesses.
+struct Curves<'p> {
+    reflectance: [[f64; 3]; 3],
+    modulation: [Between<'p>; 3],
+    rest: [Between<'p>; 3],
+    emission: [Between<'p>; 3],
+    /// Ê is in units of this.
+    emission_mean: Option<Between<'p>>,
+}
+
+/// A curve, or what is read between two.
+enum Between<'p> {
+    One(&'p Curve),
+    Two([&'p Curve; 2], f64),
+}
+
+impl Between<'_> {
+    fn at(&self, node: usize) -> f64 {
+        match self {
+            Self::One(curve) => f64::from(curve[node]),
+            Self::Two([a, b], t) => (1.0 - t) * f64::from(a[node]) + t * f64::from(b[node]),
+        }
+    }
+}
+
+impl<'p> Curves<'p> {
+    fn new(prepared: &'p Prepared, kind: Kind, band: &'p Band, first: usize, thickness: f64) -> Self {
+        let (channels, coloured) = (prepared.kind(kind), band.channels(kind));
+        let at = [0, 1, 2].map(|c| (first + c).min(coloured.len() - 1));
+        let own = Self {
+            reflectance: at.map(|c| channels.reflectance[c]),
+            modulation: at.map(|c| Between::One(&coloured[c].modulation)),
+            rest: at.map(|c| Between::One(&coloured[c].light.rest)),
+            emission: at.map(|c| Between::One(&channels.emission[c])),
+            emission_mean: None,
+        };
+        let Some(scales) = prepared.scales.as_ref().filter(|_| thickness != 1.0) else { return own };
+        let (k, t) = scales.place(thickness);
+        match kind {
+            Kind::Rgb => {
+                let (a, b) = (&band.scaled[k], &band.scaled[k + 1]);
+                let rgb = [0, 1, 2];
+                Self {
+                    modulation: rgb.map(|c| Between::Two([&a.modulation[c], &b.modulation[c]], t)),
+                    rest: rgb.map(|c| Between::Two([&a.rest[c], &b.rest[c]], t)),
+                    emission: rgb
+                        .map(|c| Between::Two([&scales.emission[k][c], &scales.emission[k + 1][c]], t)),
+                    ..own
+                }
+            }
+            // The channel stands for another wavelength.
+            Kind::Spectral => Self {
+                reflectance: at.map(|c| channels::reflectance(thickness * channels.wavelength_nm[c])),
+                emission_mean: Some(Between::Two(
+                    [&scales.emission_mean[k], &scales.emission_mean[k + 1]],
+                    t,
+                )),
+                ..own
+            },
+        }
+    }
+
+    fn modulation(&self, node: usize, c: usize) -> f64 {
+        self.modulation[c].at(node)
+    }
+
+    fn rest(&self, node: usize, c: usize) -> f64 {
+        self.rest[c].at(node)
+    }
+
+    fn emission(&self, node: usize, c: usize) -> f64 {
+        let emission = self.emission[c].at(node);
+        self.emission_mean.as_ref().map_or(emission, |mean| emission / mean.at(node))
+    }
 }
 
 /// The angles that colours depend on.
@@ -60,7 +136,7 @@ pub(crate) struct Terms {
 }
 
 impl Colours {
-    /// Channels `first` to `first` + 2 of a band; the last one stands in for those beyond it.
+    /// Channels `first` to `first` + 2 of a band; the last one stands in for those beyond it. At the thickness of the controls.
     pub(crate) fn new(
         prepared: &Prepared,
         kind: Kind,
@@ -68,21 +144,16 @@ impl Colours {
         first: usize,
         controls: &Controls,
     ) -> Self {
-        let (channels, coloured) = (prepared.kind(kind), band.channels(kind));
-        let at = [0, 1, 2].map(|c| (first + c).min(coloured.len() - 1));
+        let read = Curves::new(prepared, kind, band, first, controls.thickness);
         let reflectance = |rgb: [f64; 3]| {
-            padded(
-                at.map(|c| channels.reflectance[c].iter().zip(rgb).map(|(share, x)| share * x).sum::<f64>()),
-            )
+            padded(read.reflectance.map(|shares| shares.iter().zip(rgb).map(|(share, x)| share * x).sum()))
         };
         let (body, tint) = (reflectance(controls.body_rgb), reflectance(controls.tint_rgb));
         let (brightness, gamma, depth) = (controls.brightness, controls.coherence, controls.depth);
-        let over =
-            |curve: fn(&Coloured) -> &Curve, node: usize, c: usize| f64::from(curve(&coloured[at[c]])[node]);
         // What a colour factor of 1 and one of tint·M leave of the light, mixed as the factors are.
         let left = |node: usize, c: usize| {
             let plain = f64::from(band.plain.rest[node]);
-            let modulated = (1.0 - tint[c]) + tint[c] * over(|c| &c.light.rest, node, c);
+            let modulated = (1.0 - tint[c]) + tint[c] * read.rest(node, c);
             (1.0 - brightness) + brightness * ((1.0 - gamma) * plain + gamma * modulated)
         };
         let mut limits = curve::triples(|node, c| 1.0 / (1.0 - left(node, c)).max(1.0));
@@ -92,7 +163,7 @@ impl Colours {
             limits.fill(least);
         }
         let rest = quads(|node, c| (1.0 - (1.0 - left(node, c)) * limits[node][c]).max(0.0));
-        let emission = quads(|node, c| tint[c] * f64::from(channels.emission[at[c]][node]));
+        let emission = quads(|node, c| tint[c] * read.emission(node, c));
         let mean_left = |c: usize| -> f64 {
             let weighted = |(weight, rest): (&f32, &[f32; 4])| f64::from(*weight) * f64::from(rest[c]);
             prepared.mean_weights.iter().zip(rest.iter()).map(weighted).sum()
@@ -106,7 +177,7 @@ impl Colours {
         };
         Self {
             factor: quads(|node, c| {
-                brightness * ((1.0 - gamma) + gamma * (tint[c] * over(|c| &c.modulation, node, c)))
+                brightness * ((1.0 - gamma) + gamma * (tint[c] * read.modulation(node, c)))
             }),
             limited: limits.iter().flatten().any(|limit| *limit < 1.0),
             limit: quads(|node, c| limits[node][c]),

@@ -50,6 +50,8 @@ impl Evaluation {
 pub struct PearlBsdf {
     pub(crate) prepared: Arc<Prepared>,
     controls: Controls,
+    /// Centres of the bands of the interference colours at this thickness, nm; one for a table without them.
+    wavelengths_nm: Vec<f64>,
     /// Linear sRGB of each band.
     rgb: Vec<Colours>,
     /// Channels of each band in groups of three, once they were asked for.
@@ -87,8 +89,16 @@ impl PearlBsdf {
         prepared.check(&controls)?;
         let colours = |band: &Band| Colours::new(&prepared, Kind::Rgb, band, 0, &controls);
         let rgb: Vec<Colours> = prepared.bands.iter().map(colours).collect();
-        let chances = rgb[0].chances(&prepared.bands[0], &controls);
-        Ok(Self { prepared, controls, rgb, spectral: OnceLock::new(), chances })
+        // Samples are those of the recipe's own thickness.
+        let own = Controls { thickness: 1.0, ..controls };
+        let chances = if controls.thickness == 1.0 {
+            rgb[0].chances(&prepared.bands[0], &controls)
+        } else {
+            Colours::new(&prepared, Kind::Rgb, &prepared.bands[0], 0, &own).chances(&prepared.bands[0], &own)
+        };
+        let wavelengths_nm =
+            prepared.spectral.wavelength_nm.iter().map(|nm| controls.thickness * nm).collect();
+        Ok(Self { prepared, controls, wavelengths_nm, rgb, spectral: OnceLock::new(), chances })
     }
 
     /// [`Prepared::new`] and [`Self::new`] in one, for a table that gets one look.
@@ -110,6 +120,12 @@ impl PearlBsdf {
     #[must_use]
     pub const fn prepared(&self) -> &Arc<Prepared> {
         &self.prepared
+    }
+
+    /// Centres of the bands of the interference colours at the pearl's thickness, nm; one for a table without them.
+    #[must_use]
+    pub fn wavelengths_nm(&self) -> &[f64] {
+        &self.wavelengths_nm
     }
 
     /// Standard deviation of the slopes of interface 0, radians.
@@ -188,7 +204,7 @@ impl PearlBsdf {
             let at = |nm: &f64| self.eval_seen_at(view, light, *nm).iter().sum();
             return wavelengths_nm.iter().map(at).collect();
         }
-        let (own, nodes) = (self.own(), self.prepared.wavelengths_nm());
+        let (own, nodes) = (self.own(), self.wavelengths_nm());
         let Some(geometry) = own.geometry(view, light) else { return vec![0.0; wavelengths_nm.len()] };
         let lobes = own.lobes(&geometry);
         let shade = |colours: &Colours| own.shade(colours, &geometry, lobes, Viewer::AtIncidence).rgb();
@@ -213,7 +229,7 @@ impl PearlBsdf {
             let band = self.band(places[k]);
             let Some(geometry) = band.geometry(wi, wo) else { return [0.0; 4] };
             let lobes = band.lobes(&geometry);
-            between_nodes(self.prepared.wavelengths_nm(), wavelength_nm, |channel| {
+            between_nodes(self.wavelengths_nm(), wavelength_nm, |channel| {
                 let colours = &self.spectral()[places[k]][channel / 3];
                 band.shade(colours, &geometry, lobes, viewer).parts().map(|channels| channels[channel % 3])
             })

@@ -1,6 +1,6 @@
 //! A pearl in formats of other programs, with the error of the round trip.
 
-mod npz;
+pub mod npz;
 
 use crate::measured::{self, Channels, Reader};
 use crate::round_trip::{self, RoundTrip};
@@ -39,6 +39,16 @@ impl Format {
             Self::BsdfRgb => "bsdf-rgb",
             Self::BsdfSpectral => "bsdf-spectral",
             Self::Merl => "merl",
+        }
+    }
+
+    /// How its files end.
+    #[must_use]
+    pub const fn ending(self) -> &'static str {
+        match self {
+            Self::Arrays => "npz",
+            Self::BsdfRgb | Self::BsdfSpectral => "bsdf",
+            Self::Merl => "binary",
         }
     }
 
@@ -122,7 +132,8 @@ impl Export {
 
 fn arrays(bsdf: &PearlBsdf) -> Result<(Vec<u8>, Content), FieldError> {
     let arrays = bsdf.prepared().arrays();
-    let bytes = npz::encode(&arrays).map_err(|why| FieldError::new("arrays", why.to_string()))?;
+    let bytes =
+        npz::encode(&arrays, npz::Form::Whole).map_err(|why| FieldError::new("arrays", why.to_string()))?;
     Ok((bytes, Content::Arrays(arrays)))
 }
 

@@ -1,6 +1,7 @@
 //! The arrays by name.
 
 use super::channels::{Channels, Coloured, Kind, Light};
+use super::thickness::{Scaled, Scales};
 use super::{Band, Prepared};
 use crate::lobes::distribution::Distribution;
 use crate::numerics::curve::{Curve, NODES};
@@ -62,6 +63,7 @@ impl Prepared {
         ]);
         arrays.extend(self.of_channels(Kind::Rgb, RGB));
         arrays.extend(self.of_channels(Kind::Spectral, SPECTRAL));
+        arrays.extend(self.of_scales());
         let look = self.look();
         arrays.extend([
             Array::number("depth", look.depth),
@@ -147,6 +149,30 @@ impl Prepared {
             Array::new(rests, &[bands, channels, NODES], of(|c| c.light.rest.to_vec())),
         ]);
         arrays
+    }
+}
+
+impl Prepared {
+    /// Nothing of a table of one thickness.
+    fn of_scales(&self) -> Vec<Array> {
+        let Some(Scales { scale, emission, emission_mean }) = &self.scales else { return Vec::new() };
+        let (bands, scales) = (self.bands.len(), scale.len());
+        let of = |part: fn(&Scaled) -> &[Curve; 3]| -> Vec<f32> {
+            let scaled = (0..scales).flat_map(|k| self.bands.iter().map(move |band| &band.scaled[k]));
+            flat(scaled.flat_map(|scaled| part(scaled).iter().map(|c| &c[..])))
+        };
+        let shape = [scales, bands, 3, NODES];
+        vec![
+            Array::new("scale", &[scales], scale.iter().map(|s| *s as f32)),
+            Array::new(
+                "emission_rgb_scaled",
+                &[scales, 3, NODES],
+                flat(emission.iter().flatten().map(|c| &c[..])),
+            ),
+            Array::new("emission_mean_scaled", &[scales, NODES], flat(emission_mean.iter().map(|c| &c[..]))),
+            Array::new("modulation_rgb_scaled", &shape, of(|scaled| &scaled.modulation)),
+            Array::new("rest_rgb_scaled", &shape, of(|scaled| &scaled.rest)),
+        ]
     }
 }
 

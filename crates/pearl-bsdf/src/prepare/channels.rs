@@ -86,14 +86,14 @@ impl Channels {
 
 /// Spectral reflectance of the primaries of linear sRGB: red above 580 nm, green 490 to 580 nm, blue below, joined by
 /// ramps of 30 nm. Grey is flat, and nothing leaves the range of the channels, which is what energy needs.
-fn reflectance(nm: f64) -> [f64; 3] {
+pub(crate) fn reflectance(nm: f64) -> [f64; 3] {
     let ramp = |centre: f64| ((nm - centre) / 30.0 + 0.5).clamp(0.0, 1.0);
     let (green_on, red_on) = (ramp(490.0), ramp(580.0));
     [red_on, green_on - red_on, 1.0 - green_on]
 }
 
 /// Every channel of stored rows of colours at the nodes of [`curve`].
-fn over_nodes<R: AsRef<[f64]>>(theta_deg: &[f64], rows: &[R]) -> Vec<Vec<f64>> {
+pub(super) fn over_nodes<R: AsRef<[f64]>>(theta_deg: &[f64], rows: &[R]) -> Vec<Vec<f64>> {
     let theta: Vec<f64> = theta_deg.iter().map(|theta| theta.to_radians()).collect();
     let channel = |c: usize| {
         let stored = Monotone::new(theta.clone(), rows.iter().map(|row| row.as_ref()[c]).collect());
@@ -136,12 +136,12 @@ impl Means {
     }
 
     /// Light where the colour of the lobes is this one over θd.
-    fn light(&self, colour: &[f64]) -> Light {
+    pub(super) fn light(&self, colour: &[f64]) -> Light {
         self.lights([colour]).swap_remove(0)
     }
 
     /// Light of several colours, which share the passes over the histograms.
-    fn lights<const N: usize>(&self, colours: [&[f64]; N]) -> Vec<Light> {
+    pub(super) fn lights<const N: usize>(&self, colours: [&[f64]; N]) -> Vec<Light> {
         let by_node: Vec<[f64; N]> = (0..NODES).map(|node| colours.map(|colour| colour[node])).collect();
         let mut means: [[Vec<f64>; 3]; N] = std::array::from_fn(|_| <[Vec<f64>; 3]>::default());
         for tally in &self.half_angles {

@@ -7,6 +7,7 @@ mod arrays;
 pub(crate) mod channels;
 mod lobes;
 mod mirror;
+pub(crate) mod thickness;
 
 use crate::controls::{BsdfError, Controls};
 use crate::facets::{Facets, Rules};
@@ -18,6 +19,7 @@ use lut_io::lobe::Interpolant;
 use lut_io::table::Table;
 use rayon::prelude::*;
 use std::sync::Arc;
+use thickness::{Scaled, Scales};
 
 /// A table prepared for evaluation and sampling; shared by all pearls that look different because of their [`Controls`] alone.
 #[derive(Clone, Debug)]
@@ -33,6 +35,8 @@ pub struct Prepared {
     /// [`curve::mean_weights`].
     pub(crate) mean_weights: Curve,
     look: Controls,
+    /// Scales of the thicknesses, of a table that has their colours.
+    pub(crate) scales: Option<Scales>,
     /// Effects whose colours the table does not have, and why, if it says so.
     missing: Vec<(&'static str, String)>,
 }
@@ -49,6 +53,8 @@ pub(crate) struct Band {
     pub(crate) plain: Light,
     pub(crate) rgb: Vec<Coloured>,
     pub(crate) spectral: Vec<Coloured>,
+    /// RGB at each of [`Scales::scale`].
+    pub(crate) scaled: Vec<Scaled>,
 }
 
 impl Prepared {
@@ -57,15 +63,29 @@ impl Prepared {
     /// # Errors
     /// [`BsdfError::Table`] if a further band is not valid.
     pub fn new(table: impl Into<Arc<Table>>) -> Result<Self, BsdfError> {
-        let table = table.into();
+        Self::of(table.into(), true)
+    }
+
+    /// Without the colours of single wavelengths, which take most of the time: at a wavelength the pearl has no interference colour.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of_rgb(table: impl Into<Arc<Table>>) -> Result<Self, BsdfError> {
+        Self::of(table.into(), false)
+    }
+
+    fn of(table: Arc<Table>, spectral: bool) -> Result<Self, BsdfError> {
         let meta = table.meta();
         let look = Controls::of(meta);
         let rgb_weights =
             meta.dispersion.as_ref().map_or(vec![[1.0; 3]], |section| section.rgb_weights.clone());
         let further = table.further_bands()?;
         let spectra = meta.spectra.as_ref();
-        let [rgb, spectral] =
-            [Kind::Rgb, Kind::Spectral].map(|kind| Channels::new(kind, spectra, meta.wavelength_nm));
+        let of_kind = |kind| {
+            let shown = spectra.filter(|_| spectral || matches!(kind, Kind::Rgb));
+            Channels::new(kind, shown, meta.wavelength_nm)
+        };
+        let [rgb, spectral] = [Kind::Rgb, Kind::Spectral].map(of_kind);
         let reasons = meta.spectra_missing.clone().unwrap_or_default();
         let has_coherent = spectra.is_some_and(|spectra| spectra.coherent.is_some());
         let has_emission = spectra.is_some_and(|spectra| spectra.emission.is_some());
@@ -75,6 +95,7 @@ impl Prepared {
                 .filter(|(_, has, _)| !has)
                 .map(|(effect, _, reason)| (effect, reason.unwrap_or_default()))
                 .collect();
+        let scales = spectra.and_then(Scales::new);
         let tables: Vec<Arc<Table>> =
             std::iter::once(table).chain(further.into_iter().map(Arc::new)).collect();
         let bands: Vec<Band> = tables
@@ -92,6 +113,7 @@ impl Prepared {
             spectral,
             mean_weights: curve::mean_weights(),
             look,
+            scales,
             missing,
         })
     }
@@ -102,10 +124,11 @@ impl Prepared {
         self.look
     }
 
-    /// Centres of the bands of the interference colours, nm; one for a table without them.
+    /// The smallest and the largest scale of all thicknesses that the table has colours of; 1 and 1 where it has those of one thickness
+    /// alone.
     #[must_use]
-    pub fn wavelengths_nm(&self) -> &[f64] {
-        &self.spectral.wavelength_nm
+    pub fn thickness_range(&self) -> [f64; 2] {
+        self.scales.as_ref().map_or([1.0; 2], Scales::range)
     }
 
     /// Whether f(a → b) = f(b → a).
@@ -120,6 +143,10 @@ impl Prepared {
     /// The first control that cannot be met.
     pub fn check(&self, controls: &Controls) -> Result<(), BsdfError> {
         controls.check()?;
+        let (value, range) = (controls.thickness, self.thickness_range());
+        if !(range[0]..=range[1]).contains(&value) {
+            return Err(BsdfError::Thickness { value, range });
+        }
         for (control, value, needed) in
             [("depth", controls.depth, "emission"), ("coherence", controls.coherence, "coherent")]
         {
@@ -148,7 +175,9 @@ impl Band {
         let means = Means::new(&lobe, meta.reciprocal.as_ref(), &lobes, &facets, &mirror);
         let plain = means.plain();
         let rgb = means.coloured(Kind::Rgb, spectra, &plain, 3);
-        let spectral = means.coloured(Kind::Spectral, spectra, &plain, channels);
-        Ok(Self { wavelength_nm, lobes, facets, mirror, plain, rgb, spectral })
+        let many = spectra.filter(|spectra| channels == spectra.wavelength_nm.len());
+        let spectral = means.coloured(Kind::Spectral, many, &plain, channels);
+        let scaled = means.scaled(spectra);
+        Ok(Self { wavelength_nm, lobes, facets, mirror, plain, rgb, spectral, scaled })
     }
 }

@@ -42,7 +42,8 @@ pub(crate) fn with_waves(table: Table, pitch: f64) -> Table {
         theta_deg,
         delta_e00: ColourError::default(),
     };
-    let spectra = Spectra { wavelength_nm, coherent: Some(coherent), emission: Some(emission) };
+    let spectra =
+        Spectra { wavelength_nm, coherent: Some(coherent), emission: Some(emission), thickness: None };
     specimen::changed(&table, |parts| parts.meta.spectra = Some(spectra.rounded()))
 }
 
@@ -101,6 +102,7 @@ pub(crate) fn random_controls(random: &mut StdRng) -> Controls {
         coherence: unit(),
         body_rgb: [unit(), unit(), unit()],
         tint_rgb: [unit(), unit(), unit()],
+        thickness: 1.0,
         components: Components::ALL,
     }
 }

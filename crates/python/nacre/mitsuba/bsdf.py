@@ -13,7 +13,7 @@ from . import curves, table
 from .colours import LUMINANCE, Palette, chances
 from .layer import Layer, hats
 from .lobes import Pair, Polar
-from .paint import Light
+from .paint import Light, Thickness
 from .store import Types, reachable
 from .table import PearlError, Table
 
@@ -88,9 +88,10 @@ def _pearl(base):
             controls = parameters.read(props, self.table)
             self.shown = controls.shown
             self._set_body(props)
-            self._components()
             types = self.types
             number = types.Float if types.jit else dr.scalar.Array1f
+            self._set_thickness(props, number)
+            self._components()
             self.depth, self.brightness = number(controls.depth), number(controls.brightness)
             self.coherence, self.tint = number(controls.coherence), types.Color3f(controls.tint)
             self._take()
@@ -109,9 +110,14 @@ def _pearl(base):
         def _bake_what_is_called_for(self):
             """A control that needs an effect which was not baked bakes it now."""
             depth, brightness, coherence, _ = self._values()
-            if any(isinstance(value, list) for value in (depth, coherence)) or not any(parameters.missing(self.table, depth, coherence)):
+            if any(isinstance(value, list) for value in (depth, coherence)):
+                return
+            moved = self.table.scales is None and not self.thickness_varies and dr.any(dr.detach(self.thickness) != 1.0)
+            if not moved and not any(parameters.missing(self.table, depth, coherence)):
                 return
             self.look |= {"depth": depth, "brightness": brightness, "coherence": coherence, "body_color": self.body_rgb}
+            if moved:
+                self.look |= {"thickness": "thickness was moved"}
             self.table = bake_table(self.recipe, self.look)
             self._take()
 
@@ -128,6 +134,33 @@ def _pearl(base):
             except RuntimeError:
                 raise PearlError(f"pearl: {name}: is no colour, spectrum or texture") from None
             self._check_body()
+
+        def _set_thickness(self, props, number):
+            """A number, or a texture."""
+            scale = parameters.plain_thickness(props) if "thickness" in props else 1.0
+            self.thickness_varies = scale is None
+            if scale is not None:
+                self.thickness = number(scale)
+                return
+            try:
+                self.thickness = props.get_texture("thickness", 1.0)
+            except RuntimeError:
+                raise PearlError("pearl: thickness: is no number or texture") from None
+
+        def _check_thickness(self):
+            if not self.thickness_varies:
+                return parameters.check_thickness(np.ravel(np.array(dr.detach(self.thickness))).tolist(), self.table)
+            for key, value in mi.traverse(self.thickness).items():
+                numbers = _numbers(value) if key.split(".")[-1] in ("data", "value", "values") else None
+                if numbers is not None:
+                    parameters.check_thickness([numbers.min(), numbers.max()], self.table, of=f"{key} ")
+
+        def _thickness_at(self, si, active):
+            """The thickness where a ray meets the surface; None of a table of one thickness."""
+            if self.table.scales is None:
+                return None
+            given = self.thickness.eval_1(si, active) if self.thickness_varies else self.used_thickness
+            return Thickness.of(self.types, self.table.scales, given)
 
         def _check_body(self):
             """Refuses what is no reflectance, as far as a texture tells."""
@@ -151,16 +184,18 @@ def _pearl(base):
         def _components(self):
             enum = self.flags_enum
             diffuse = enum.DiffuseReflection | enum.FrontSide
-            if self.body.is_spatially_varying():
-                diffuse = diffuse | enum.SpatiallyVarying
             glossy = enum.GlossyReflection | enum.FrontSide
+            if self.thickness_varies:
+                glossy = glossy | enum.SpatiallyVarying
+            if self.thickness_varies or self.body.is_spatially_varying():
+                diffuse = diffuse | enum.SpatiallyVarying
             self.m_components = [diffuse, diffuse, glossy, glossy]
             self.m_flags = diffuse | glossy
 
         def traverse(self, callback):
             differentiable = mi.ParamFlags.Differentiable
             callback.put("body_color", self.body, differentiable)
-            for name in ("depth", "brightness", "coherence", "tint", "lut"):
+            for name in ("depth", "brightness", "coherence", "tint", "thickness", "lut"):
                 callback.put(name, getattr(self, name), differentiable)
 
         def parameters_changed(self, keys=()):
@@ -203,17 +238,27 @@ def _pearl(base):
             for name, value in zip(("depth", "brightness", "coherence"), plain):
                 parameters.number(name, value)
             parameters.colour("tint", plain[3])
+            self._check_thickness()
+            self._check_tint(plain[3])
             if self.recipe is None:
                 # Of a recipe nothing is missing that would show.
                 parameters.check_parts(self.table, plain[0], plain[2])
             given = self._fresh() if types.jit else plain
             for layer in self.layers:
-                layer.paint(given)
+                layer.paint(given, None if self.thickness_varies else float(np.ravel(np.array(dr.detach(self.thickness)))[0]))
             self.used_depth = given[0]
+            if not self.thickness_varies:
+                zero = dr.opaque(types.Float, 0.0)
+                self.used_thickness = self.thickness + zero if types.jit else float(self.thickness[0])
             self.chances = types.store(chances(self.rgb_palette, plain, self._body_for_sampling(), self.shown), 4)
             # What Dr.Jit finds by itself of an object is what lies in its own attributes, lists among them.
-            parts = (self.layers, self.chances, self.used_depth)
+            parts = (self.layers, self.chances, self.used_depth, None if self.thickness_varies else self.used_thickness)
             self.reachable = list(reachable(parts)) if types.jit else []
+
+        def _check_tint(self, tint):
+            """In spectral variants a tint belongs to wavelengths, and those of a channel move with the thickness."""
+            if self.types.spectral and self.thickness_varies and tint != [1.0] * 3:
+                raise PearlError(f"pearl: tint: is {tint}, expected white: in spectral variants a texture of thickness takes no tint")
 
         def _body_for_sampling(self):
             """The body colour by which the base is sampled, by RGB channel: exact for an RGB value, else its mean."""
@@ -397,6 +442,7 @@ def _pearl(base):
             light = Light(pair.exit.cos, depth, (1.0 - depth) * diffuse, depth * incoherent)
             wavelengths = si.wavelengths if types.spectral else None
             body = self.body.eval(si, active)
+            thickness = self._thickness_at(si, active)
             several = len(self.layers) > 1
             if types.mono and several:
                 body = [body[0]] * 3
@@ -404,7 +450,7 @@ def _pearl(base):
             def parts(layer, seen):
                 mirror, blur = layer.lobes(pair, seen, places, active)
                 mirror, blur = mirror * show_mirror, blur * show_blur
-                coloured = layer.colours.shade(light, places, body, wavelengths, active)
+                coloured = layer.colours.shade(light, places, body, wavelengths, active, thickness)
                 return [(factor * mirror, factor * blur, *base) for factor, *base in coloured]
 
             found = parts(self.layers[0], seen)

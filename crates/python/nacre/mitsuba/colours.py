@@ -8,7 +8,7 @@ curves over one angle (`curves`) that are prepared once per table. `derive` is w
 differentiable ones alike.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,6 +62,22 @@ class Palette:
             weights, of_band("modulation"), channels("emission"), plain, modulated, table.arrays["mean_weight"], table.reciprocal
         )
 
+    @classmethod
+    def scaled(cls, table, kind):
+        """The channels of `rgb` or `mono` at every scale of the thicknesses, those of the first scale first."""
+        own = cls.of(table, kind)
+        mix = np.array([LUMINANCE]) if kind == "mono" else np.eye(3)
+        flat = lambda rows: np.einsum("kc,scn->skn", mix, rows).reshape(-1, curves.NODES)  # noqa: E731
+        modulation, rest = (flat(table.arrays[f"{name}_rgb_scaled"][:, 0]) for name in ("modulation", "rest"))
+        emission, weights = flat(table.arrays["emission_rgb_scaled"]), np.tile(own.tint_weights, (len(table.scales), 1))
+        return replace(own, tint_weights=weights, modulation=modulation, emission=emission, modulated=1.0 - rest[None])
+
+
+def reflectances(nm):
+    """What makes the reflectance at wavelengths of a colour in linear sRGB (docs/ARRAYS.md §4), [wavelength, 3]."""
+    green_on, red_on = (np.clip((nm - centre) / 30.0 + 0.5, 0.0, 1.0) for centre in (490.0, 580.0))
+    return np.stack([red_on, green_on - red_on, 1.0 - green_on], axis=1)
+
 
 class NumPy:
     """The few array functions of `derive`, in NumPy."""
@@ -105,10 +121,14 @@ class Deriver:
     def __init__(self, palette, ops):
         self.ops, self.channels, self.one_limit = ops, palette.channels, palette.one_limit
         flat = lambda rows: ops.array(np.broadcast_to(rows, (palette.channels, curves.NODES)).ravel())  # noqa: E731
-        self.tint_weights = [ops.array(column) for column in palette.tint_weights.T]
+        self.set_tint_weights(palette.tint_weights)
         self.modulation, self.emission = flat(palette.modulation), flat(palette.emission)
         self.plain, self.modulated = flat(palette.plain.sum(axis=0)), flat(palette.modulated.sum(axis=0))
         self.hemispherical = flat(palette.hemispherical)
+
+    def set_tint_weights(self, weights):
+        """[channel, rgb]."""
+        self.tint_weights = [self.ops.array(column) for column in weights.T]
 
     def tint_of(self, tint):
         """The tint of every channel."""

@@ -10,7 +10,7 @@ from .._nacre import InputError, Recipe, recipes
 from .table import BAKE, PearlError
 
 COMPONENTS = ("diffuse", "incoherent", "mirror", "blur")
-PARAMETERS = ("filename", "recipe", "depth", "brightness", "coherence", "body_color", "tint", "components")
+PARAMETERS = ("filename", "recipe", "depth", "brightness", "coherence", "body_color", "tint", "thickness", "components")
 #: The effect of a bake that a control needs, and the part of the section `spectra` that holds it.
 _NEEDS = {"depth": "emission", "coherence": "coherent"}
 #: The built-in recipe of a pearl that names neither a table nor a recipe.
@@ -58,6 +58,10 @@ def given_look(props):
     look = {name: number(name, props[name]) for name in ("depth", "brightness", "coherence") if name in props}
     if "body_color" in props:
         look["body_color"] = plain_colour(props, "body_color")
+    if "thickness" in props:
+        scale = plain_thickness(props)
+        if scale != 1.0:
+            look["thickness"] = "thickness is a texture" if scale is None else f"thickness {scale:g}"
     if "components" in props:
         look["components"] = [name for name, show in zip(COMPONENTS, components(props["components"]), strict=True) if show]
     return look
@@ -73,6 +77,27 @@ def plain_colour(props, name):
 def tint(props):
     """The factor of the interference colours; white where none is given."""
     return colour("tint", props["tint"]) if "tint" in props else [1.0] * 3
+
+
+def plain_thickness(props):
+    """The scale of the thicknesses that is given as a number; None for a texture."""
+    if props.type("thickness") not in (mi.Properties.Type.Float, mi.Properties.Type.Integer):
+        return None
+    return float(props["thickness"])
+
+
+def check_thickness(values, table, of=""):
+    """Refuses scales that a table has no colours of."""
+    first, last = (1.0, 1.0) if table.scales is None else (table.scales[0], table.scales[-1])
+    # Of single precision.
+    outside = [value for value in values if not first * (1.0 - 1e-6) <= value <= last * (1.0 + 1e-6)]
+    if not outside:
+        return
+    right = f"a number from {first:g} to {last:g}" if first < last else "1"
+    advice = "" if first < last else (
+        f"; {table.name} has the colours of one thickness: bake it with `bake-brdf` where the recipe has \"look\": {{\"thickness\": {{}}}}"
+    )  # fmt: skip
+    raise PearlError(f"pearl: thickness: {of}is {outside[0]:g}; expected {right}{advice}")
 
 
 def number(field, value):

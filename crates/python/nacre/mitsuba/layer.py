@@ -1,10 +1,12 @@
 """The lobes of one band of a table, and what the controls make of its colours."""
 
+from functools import partial
+
 import drjit as dr
 
-from .colours import Deriver, NumPy, Palette
+from .colours import Deriver, NumPy, Palette, reflectances
 from .lobes import Facets, Tabulated
-from .paint import Bands, Channels
+from .paint import Bands, Channels, Scaled
 
 
 class Layer:
@@ -20,13 +22,21 @@ class Layer:
         kind = "bands" if types.spectral else "mono" if types.mono and not several else "rgb"
         palette = Palette.of(table, kind)
         self.channel_nm = table.arrays["channel_nm"] if kind == "bands" and palette.channels > 1 else None
-        self.painter = Channels if self.channel_nm is None else Bands
+        self.means, self.painter = None, Channels if self.channel_nm is None else Bands
+        if table.scales is not None:
+            if kind == "bands":
+                self.means = table.arrays["emission_mean_scaled"]
+            else:
+                palette, self.painter = Palette.scaled(table, kind), partial(Scaled, scales=len(table.scales))
         self.derive = Deriver(palette, types if types.jit else NumPy)
         self.colours = None
 
-    def paint(self, controls):
-        """Takes depth, brightness, coherence and tint."""
-        self.colours = self.painter(self.types, self.derive(*controls), self.channel_nm)
+    def paint(self, controls, thickness):
+        """Takes depth, brightness, coherence and tint, and the thickness, if it is one number."""
+        if self.means is not None and thickness is not None:
+            # A channel stands for another wavelength.
+            self.derive.set_tint_weights(reflectances(thickness * self.channel_nm))
+        self.colours = self.painter(self.types, self.derive(*controls), self.channel_nm, self.means)
 
     def seen(self, pair, active):
         """Where a pair lies in the table: what `lobes` asks for."""

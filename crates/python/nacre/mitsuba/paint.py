@@ -45,10 +45,37 @@ def _limits(types, limit):
     return bool(dr.any(dr.detach(limit) < 1.0)) if types.jit else bool((np.asarray(limit) < 1.0).any())
 
 
+@dataclass
+class Thickness:
+    """A scale s of all thicknesses: s, the scale of the table before it, and how far (0..1) it is towards the next."""
+
+    s: object
+    before: object
+    fraction: object
+
+    @classmethod
+    def of(cls, types, scales, s):
+        """Of scales with equal ratios below 1 and above it; s is clipped to them."""
+        one = int(np.flatnonzero(scales == 1.0)[0])
+        first, last = float(scales[0]), float(scales[-1])
+        s = dr.clip(s, first, last)
+        ln = dr.log(s)
+        # No ratios where 1 is an end.
+        below = ln * (one / -np.log(first)) if one > 0 else 0.0 * ln
+        above = ln * ((len(scales) - 1 - one) / np.log(last)) if one < len(scales) - 1 else 0.0 * ln
+        x = one + dr.select(ln < 0.0, below, above)
+        before = dr.clip(types.floor(dr.maximum(dr.detach(x), 0.0)), 0, len(scales) - 2)
+        return cls(s, before, x - types.Float(before))
+
+    def between(self, read):
+        """What `read` finds at both scales, read linearly between them."""
+        return [dr.fma(self.fraction, b - a, a) for a, b in zip(read(self.before), read(self.before + 1))]
+
+
 class Channels:
     """One or three channels, each read by itself (rgb, mono; tables without colour)."""
 
-    def __init__(self, types, derived, _bands):
+    def __init__(self, types, derived, _bands, _means):
         self.types = types
         self.count = len(derived.left)
         width = 1 if self.count == 1 else 4
@@ -60,7 +87,7 @@ class Channels:
         self.limit = store(derived.limit) if _limits(types, derived.limit) else None
         self.base = types.rearranged(_base(types, derived), channel[None], width)
 
-    def shade(self, light, places, body, wavelengths, active):
+    def shade(self, light, places, body, wavelengths, active, _thickness=None):
         """`Light.coloured` of all channels. places: of the viewer, of the light, and of θd."""
         at_i, at_o, at_d = places
         read = lambda store, place: store.between(*place, active)  # noqa: E731
@@ -75,11 +102,46 @@ class Channels:
         ]
 
 
+class Scaled:
+    """`Channels` of a table with scales of the thicknesses: as many places of each as there are scales."""
+
+    def __init__(self, types, derived, _bands, _means, scales):
+        self.types = types
+        self.count = len(derived.left) // scales
+        width = 1 if self.count == 1 else 4
+        channel = np.arange(scales)[:, None] * self.count + np.minimum(np.arange(width), self.count - 1)
+        places = channel[:, None] * curves.NODES + _NODES[:, None]
+        store = lambda flat: types.rearranged(flat, places, width)  # noqa: E731
+        self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
+        self.limit = store(derived.limit) if _limits(types, derived.limit) else None
+        self.base = types.rearranged(_base(types, derived), channel, width)
+
+    def shade(self, light, places, body, wavelengths, active, thickness):
+        """`Light.coloured` of all channels. places: of the viewer, of the light, and of θd."""
+
+        def read(store, place):
+            index, fraction = place
+            return thickness.between(lambda scale: store.between(scale * curves.NODES + index, fraction, active))
+
+        at_i, at_o, at_d = places
+        scale = thickness.between(lambda scale: self.base.read(scale, active))
+        limit = read(self.limit, at_i) if self.limit else [1.0] * self.count
+        records = (
+            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.emission, at_i)
+        )  # fmt: skip
+        asked = range(self.count) if wavelengths is None else [0] * len(wavelengths)
+        return [
+            light.coloured(body[k], scale[c], *(record[c] for record in records)) for k, c in enumerate(asked)
+        ]
+
+
 class Bands:
     """Many bands, read at any wavelength: mixed between the two around it, constant beyond the ends."""
 
-    def __init__(self, types, derived, bands):
+    def __init__(self, types, derived, bands, means):
+        """means: of a table with scales of the thicknesses, [scale, node], what the emission is in units of at each."""
         self.types = types
+        self.means = None if means is None else types.store(means, 1)
         self.first, self.last = float(bands[0]), len(bands) - 1
         self.per_nm = float(self.last / (bands[-1] - bands[0]))
         # Records of one place: a band at a node and at the next, then the band above.
@@ -91,11 +153,17 @@ class Bands:
         low = np.arange(self.last)[:, None]
         self.base = types.rearranged(_base(types, derived), low + np.array([0, 1]), 2)
 
-    def shade(self, light, places, body, wavelengths, active):
+    def shade(self, light, places, body, wavelengths, active, thickness=None):
         """`Light.coloured` at the wavelengths. places: of the viewer, of the light, and of θd."""
-        return [self._at(light, places, body[k], wavelengths[k], active) for k in range(len(wavelengths))]
+        mean = None
+        if thickness is not None:
+            # A stack s times as thick has at λ the colours of λ/s.
+            wavelengths = [nm / thickness.s for nm in wavelengths]
+            index, fraction = places[0]
+            [mean] = thickness.between(lambda scale: self.means.between(scale * curves.NODES + index, fraction, active))
+        return [self._at(light, places, body[k], wavelengths[k], mean, active) for k in range(len(wavelengths))]
 
-    def _at(self, light, places, body, nm, active):
+    def _at(self, light, places, body, nm, mean, active):
         x = dr.clip((nm - self.first) * self.per_nm, 0.0, float(self.last))
         band = dr.minimum(self.types.floor(x), self.last - 1)
 
@@ -107,9 +175,10 @@ class Bands:
         at_i, at_o, at_d = places
         scales = self.base.read(band, active)
         limit = read(self.limit, at_i) if self.limit else (1.0, 1.0)
-        records = (
-            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.emission, at_i)
-        )  # fmt: skip
+        emission = read(self.emission, at_i)
+        if mean is not None:
+            emission = [band / mean for band in emission]
+        records = read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), emission
         below, above = (
             light.coloured(body, scale, *(record[k] for record in records)) for k, scale in enumerate(scales)
         )

@@ -130,6 +130,9 @@ class _Scene:
                 places["body_color"] = self.place(texture)
                 if texture.props.plugin_name() not in _PLAIN:
                     look["texture"], places["texture"] = "body_color is a texture", self.place(texture)
+        if look.get("thickness") == "thickness is a texture":
+            look.setdefault("texture", "thickness is a texture")
+            places.setdefault("texture", place)
         if "filename" not in props:
             source = props.get("recipe", parameters.RECIPE)
             places["recipe"] = source if "recipe" in props else "the paper's pearl: the scene names no recipe"

@@ -17,6 +17,8 @@ _BY_BAND = (
     "wavelength_nm", "slope_sd", "index_ratio", "azimuth_width", "span_curves", "cells", "mirror", "albedo_plain",
     "modulation_rgb", "modulation_spectral", "albedo_rgb", "albedo_spectral",
 )  # fmt: skip
+#: Those whose second is.
+_BY_SCALE_AND_BAND = ("modulation_rgb_scaled", "rest_rgb_scaled")
 
 
 class PearlError(InputError):
@@ -36,7 +38,9 @@ class Doubles(dict):
 
     def of_band(self, band):
         """Those of one band alone."""
-        return Doubles({name: array[band : band + 1] if name in _BY_BAND else array for name, array in self.stored.items()})
+        own = slice(band, band + 1)
+        of = lambda name, array: array[own] if name in _BY_BAND else array[:, own] if name in _BY_SCALE_AND_BAND else array  # noqa: E731
+        return Doubles({name: of(name, array) for name, array in self.stored.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +125,12 @@ class Table:
     def reciprocal(self):
         """Whether the table is read at the larger of both angles (docs/LUT-FORMAT.md §13)."""
         return bool(self.arrays["reciprocal"])
+
+    @cached_property
+    def scales(self):
+        """Scales of the thicknesses that the table has colours of, ascending, 1 among them; None of a table of one thickness."""
+        section = (self.meta.get("spectra") or {}).get("thickness")
+        return None if section is None else np.array(section["scale"])
 
     def has(self, effect):
         """Whether the table has the interference colours of an effect, `coherent` or `emission`."""

@@ -53,6 +53,11 @@ pub(super) fn rounded(mut meta: Meta, band_digits: usize) -> Meta {
         emission.radiance.iter_mut().flatten().for_each(band);
         emission.radiance_rgb.iter_mut().flatten().for_each(rgb);
     }
+    if let Some(thickness) = &mut spectra.thickness {
+        let scales = thickness.modulation_rgb.iter_mut().chain(&mut thickness.radiance_rgb);
+        scales.flatten().flatten().for_each(rgb);
+        thickness.radiance_mean.iter_mut().flatten().for_each(rgb);
+    }
     *spectra = spectra.rounded();
     meta
 }
