@@ -254,10 +254,10 @@ mod tests {
     fn a_later_order_overtakes_and_the_last_is_baked() {
         let bakery = Bakery::open(None).unwrap();
         let orders = (0..4).map(|_| bakery.order(order(r#"{"stack":{"layers":500}}"#, Quality::Fine)));
-        let mut answers: Vec<_> = orders.collect();
+        let answers: Vec<_> = orders.collect();
         let last = bakery.order(order(r#"{"stack":{"layers":4}}"#, Quality::Coarse)).blocking_recv().unwrap();
         assert_eq!(last.unwrap().table.meta().recipe["stack"]["layers"], 4);
-        for answer in &mut answers {
+        for answer in answers {
             assert!(matches!(answer.blocking_recv(), Ok(Err(Unbaked::Overtaken))));
         }
     }

@@ -113,7 +113,8 @@ impl Grid {
                     (Self { incident_deg, axis, refinements: 0 }, missed)
                 }
             };
-            let refinements = attempt + (faintest.ln() / FINER.ln()) as u32;
+            // Half of what the faintest component took: of its own error the solver takes a tenth anyway.
+            let refinements = attempt + (0.5 * faintest.ln() / FINER.ln()) as u32;
             best = Some(Self { refinements: refinements.min(MOST_REFINEMENTS), ..grid });
             let kept = between_cells <= FAR * shares[1] && between_rows <= FAR * shares[0];
             if kept || finer * faintest <= LOBE_SHARES[0] {
