@@ -1,6 +1,6 @@
 //! One bake at a time; a later order overtakes earlier ones.
 
-use bake_brdf::bake::{self, BakeError, Bands, Observer, Request};
+use bake_brdf::bake::{self, BakeError, Observer, Request};
 use bake_brdf::effects::{Effect, View};
 use bake_brdf::options::{Options, SolverChoice, Target};
 use bake_brdf::recipe::{AzimuthMode, Recipe};
@@ -11,9 +11,10 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 use tokio::sync::oneshot;
 
-/// Incidences of a coarse table, degrees, and its cells: near the horizon lobes change most.
+/// Incidences of a coarse table, degrees (near the horizon lobes change most), and its cells; in space for a forecast only.
 const COARSE_DEG: [f64; 12] = [0.0, 20.0, 37.0, 52.0, 64.0, 72.0, 78.0, 82.0, 85.0, 87.0, 88.5, 89.6];
 const COARSE_CELLS: [usize; 2] = [48, 1];
+const SPACE_CELLS: [usize; 2] = [48, 24];
 /// Per cent.
 const COARSE_ACCURACY: f64 = 5.0;
 const FINE_ACCURACY: f64 = 1.0;
@@ -228,11 +229,15 @@ fn request(order: &Order) -> Result<Request, BakeError> {
         effects = effects.without(Effect::Dispersion).without(Effect::Thickness);
     }
     // Placing rows and cells takes its time, too: first one with rows and cells that are given.
-    let placed = Options { incident_deg: coarse.incident_deg, cells: coarse.cells, ..options.clone() };
+    let cells = match recipe.azimuth.mode {
+        AzimuthMode::Decay => COARSE_CELLS,
+        AzimuthMode::Space => SPACE_CELLS,
+    };
+    let placed = Options { incident_deg: coarse.incident_deg, cells: Some(cells), ..options.clone() };
     let placed = Request::of(recipe.clone(), effects, placed)?;
-    let own = Bands::own(&recipe);
-    let solver = bake::solver(&placed, &own)?;
-    let seconds = bake::forecast(&placed, &own, solver, &Observer::idle())?.seconds;
+    let bands = placed.bands()?;
+    let solver = bake::solver(&placed, &bands)?;
+    let seconds = bake::forecast(&placed, &bands, solver, &Observer::idle())?.seconds;
     if seconds > most {
         let percent = if order.quality == Quality::Coarse { COARSE_ACCURACY } else { FINE_ACCURACY };
         return Err(BakeError::Input(format!(
@@ -276,6 +281,15 @@ mod tests {
                 assert!((a - b).abs() < 0.02, "{degrees}: {a} {b}");
             }
         }
+    }
+
+    #[test]
+    fn a_space_table_is_baked_fine() {
+        let space = r#"{"stack":{"layers":4},"facets":{"slope_sd_deg":8},"azimuth":{"mode":"space"},"look":{"depth":0,"coherence":0}}"#;
+        let [coarse, fine] = [Quality::Coarse, Quality::Fine]
+            .map(|quality| bake(&order(space, quality), &AtomicBool::new(false)).unwrap());
+        let modes = [coarse, fine].map(|baked| baked.table.meta().exit_axis.rows_per_incidence() > 1);
+        assert_eq!(modes, [false, true]);
     }
 
     #[test]
