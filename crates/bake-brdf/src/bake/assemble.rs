@@ -199,9 +199,13 @@ pub(super) fn doubled(
         .into_par_iter()
         .map(|i| {
             observer.go_on()?;
-            let summary = doubling_summary(solution, i, request.grid.incident_deg[i]);
+            let mut summary = doubling_summary(solution, i, request.grid.incident_deg[i]);
             let missed = solver_part(solution, i);
             let [interior, surface, rehit] = cell_shares(axis, solution, i);
+            if rehit.iter().all(|share| *share == 0.0) {
+                // Less than the solver resolves.
+                summary.rehit = 0.0;
+            }
             let components =
                 [(Component::Interior, interior), (Component::Surface, surface), (Component::Rehit, rehit)]
                     .map(|(component, share)| {
