@@ -46,7 +46,7 @@ export function deltaE(one, other) {
   const rad = Math.PI / 180;
   const chroma = (Math.hypot(one[1], one[2]) + Math.hypot(other[1], other[2])) / 2;
   const g = 0.5 * (1 - Math.sqrt(chroma ** 7 / (chroma ** 7 + 25 ** 7)));
-  const polar = ([l, a, b] = [0, 0, 0]) => {
+  const polar = (/** @type {number[]} */ [l, a, b]) => {
     const wide = (1 + g) * a;
     const c = Math.hypot(wide, b);
     return [l, c, c === 0 ? 0 : (Math.atan2(b, wide) / rad + 360) % 360];

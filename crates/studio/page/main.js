@@ -71,12 +71,10 @@ function start() {
     set: (value) => page.change(value === "a" || value === "b" ? { view: "single", side: value } : { view: value }, "view"),
   });
   find("views").append(view);
-  const sides = element("div", { class: "sides", role: "group", "aria-label": "Which pearl the controls change" });
-  for (const tag of find("tags").children) {
+  for (const tag of [...find("tags").children]) {
     const side = tag.classList.contains("a") ? "a" : "b";
     tag.replaceWith(element("button", { type: "button", class: `tag ${side}`, "data-side": side, title: `Controls change ${side.toUpperCase()}`, click: () => page.change({ side }, "side") }, side.toUpperCase()));
   }
-  sides.remove();
   find("undo").addEventListener("click", () => page.travel(-1));
   find("redo").addEventListener("click", () => page.travel(1));
   find("link").addEventListener("click", async () => {
@@ -88,7 +86,8 @@ function start() {
     }
   });
   buildMenu(page, find("save"), find("menu"));
-  const keep = element("button", { type: "button", class: "icon", title: "Put this pearl on the sheet", "aria-label": "Put this pearl on the sheet", click: () => page.keep() }, "＋");
+  const keep = element("button", { type: "button", class: "icon", title: "Put this pearl on the sheet", "aria-label": "Put this pearl on the sheet", click: () => page.keep() });
+  keep.innerHTML = '<svg viewBox="0 0 20 20"><path d="M10 4.5v11M4.5 10h11"/></svg>';
   find("views").append(keep);
   addEventListener("keydown", (event) => {
     const typing = event.target instanceof HTMLInputElement && event.target.type === "text";
@@ -117,6 +116,7 @@ function start() {
       const { view: how, side } = page.state;
       const seen = /** @type {Pearl[]} */ ((how === "split" ? [a, b] : [side === "b" ? b : a]).filter(Boolean));
       if (seen.length === 0 || page.gl.isContextLost()) break;
+      /** @type {import("nacre/plots.js").Facts[]} */
       const facts = [];
       for (const pearl of seen) facts.push(await factsOf(pearl, angle));
       plotLobe(/** @type {HTMLCanvasElement} */ (find("lobe")), facts);
@@ -179,7 +179,7 @@ function start() {
     const { renderer } = page;
     const samples = Math.min(...renderer.pictures.map(({ film }) => film.samples));
     const scale = renderer.pictures[0] ? renderer.pictures[0].film.width / renderer.pictures[0].slot.area[2] : 1;
-    find("status").textContent = scale < 0.99 ? "Preview" : `${samples} samples a pixel`;
+    find("status").textContent = scale < 0.99 ? "Preview" : `${samples} ${samples === 1 ? "sample" : "samples"} a pixel`;
     /** @type {HTMLElement} */ (find("progress").firstElementChild).style.width = `${Math.min(100, 100 * Math.log2(Math.max(samples, 1)) / 12)}%`;
   };
   new ResizeObserver(() => { page.resize(); captions(); void plot(); }).observe(find("stage"));

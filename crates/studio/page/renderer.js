@@ -31,8 +31,11 @@ import { PACKED_WIDTH } from "nacre/table.js";
 const PIECE_MS = 24;
 /** Samples after which a picture rests. */
 const ENOUGH = 4096;
-/** Milliseconds without a change after which the full resolution is rendered. */
+/** Milliseconds without a change after which a finer resolution is rendered, and that one pass of it may take. */
 const SETTLED_MS = 140;
+const SETTLED_PASS_MS = 500;
+/** Samples at that resolution before the full one, where the processor is too slow for it. */
+const SETTLED_SAMPLES = 48;
 const MOST_RECTANGLES = 8;
 const MOST_SPHERES = 32;
 /** Rows of paths that are traced at once. */
@@ -99,12 +102,17 @@ export class Renderer {
     this.queue = Promise.resolve();
     /** Called after each displayed picture. */
     this.onframe = () => {};
-    this.onerror = (/** @type {unknown} */ error) => { throw error; };
+    /** @type {(error: unknown) => void} */
+    this.onerror = (error) => { throw error; };
     this.frameMs = 0;
     this.empty = texture(gl, 4, 1, 1, null);
     /** @type {Object<string, Target> | null} */
     this.pool = null;
     this.waiting = false;
+    /** The change whose first picture was displayed, and the milliseconds from one to the other. */
+    this.firstOf = -1;
+    this.latency = 0;
+    this.batch = 1;
   }
 
   // ---- What is rendered ---------------------------------------------------------------------------------------------
@@ -340,12 +348,18 @@ export class Renderer {
   async refine() {
     const { gl } = this;
     let stamp = -1;
-    let full = false;
+    /** Scale of the resolution. */
+    let scale = 1;
     let shown = performance.now();
     for (;;) {
-      if (gl.isContextLost() || !this.world) return;
-      if (this.waiting) return;
+      if (gl.isContextLost() || !this.world || this.waiting) return;
       const world = this.world;
+      const pixels = this.slots.reduce((all, { area }) => all + area[2] * area[3], 0);
+      // The scale at which a pass takes so long.
+      const scaleFor = (/** @type {number} */ ms) => {
+        const found = Math.sqrt(Math.max(ms * this.rate, LEAST_PATHS) / pixels);
+        return found > 0.8 ? 1 : found;
+      };
       if (stamp !== this.stamp) {
         if (this.slots.length === 0) return;
         const programs = this.slots.flatMap(({ pearl }) => Object.values(this.tracerOf(pearl, world)));
@@ -354,18 +368,19 @@ export class Renderer {
           continue;
         }
         stamp = this.stamp;
-        const pixels = this.slots.reduce((all, { area }) => all + area[2] * area[3], 0);
-        // As coarse as it must be for one sample a pixel in a frame.
-        const scale = Math.min(1, Math.sqrt(Math.max(1.3 * PIECE_MS * this.rate, LEAST_PATHS) / pixels));
-        full = scale > 0.85;
-        this.start(full ? 1 : Math.max(scale, 0.1));
-      } else if (!full && performance.now() - this.changed > SETTLED_MS) {
-        full = true;
-        this.start(1);
+        scale = scaleFor(1.3 * PIECE_MS);
+        this.start(scale);
+      } else if (scale < 1 && performance.now() - this.changed > SETTLED_MS) {
+        const finer = scaleFor(SETTLED_PASS_MS);
+        const enough = this.pictures.every(({ film, next }) => !next && film.samples >= SETTLED_SAMPLES);
+        if (enough || finer > 1.6 * scale) {
+          scale = enough ? 1 : finer;
+          this.start(scale);
+        }
       }
       const picture = this.pictures.reduce((a, b) => ((b.next ?? b.film).samples < (a.next ?? a.film).samples ? b : a));
       const film = picture.next ?? picture.film;
-      if (film.samples >= ENOUGH && full) {
+      if (film.samples >= ENOUGH && scale === 1) {
         this.resting = true;
         this.display();
         return;
@@ -374,7 +389,7 @@ export class Renderer {
       const piece = Math.min(Math.max(this.rate * PIECE_MS, LEAST_PATHS), MOST_PATHS);
       const rows = Math.max(1, Math.ceil(piece / film.width));
       const samples = film.passes > 1 && rows > film.height ? Math.max(1, Math.min(8, Math.floor(piece / film.width / film.height))) : 1;
-      const done = this.trace(film, picture.slot.pearl, { ...world, grain: picture.slot.grain }, rows, film.rows === 0 ? (this.batch = samples) : this.batch ?? 1, 1);
+      const done = this.trace(film, picture.slot.pearl, { ...world, grain: picture.slot.grain }, rows, film.rows === 0 ? (this.batch = samples) : this.batch, 1);
       await finished(gl);
       const took = Math.max(performance.now() - begun, 0.2);
       this.rate += 0.3 * (Math.min(done / took, 2e6) - this.rate);

@@ -32,6 +32,7 @@ export class Server {
    * @param {object} [body]
    */
   async ask(path, body) {
+    /** @type {RequestInit} */
     const request = body
       ? { method: "POST", body: JSON.stringify(body), headers: { "X-Nacre-Token": this.token, "Content-Type": "application/json" } }
       : { headers: { "X-Nacre-Token": this.token } };
