@@ -122,11 +122,10 @@ function start() {
       plotLobe(/** @type {HTMLCanvasElement} */ (find("lobe")), facts);
       plotSpectra(/** @type {HTMLCanvasElement} */ (find("spectra")), facts);
       const most = Math.max(...facts.flatMap(({ ledger }) => ledger.map(({ share }) => share)), 0.01);
-      find("ledger").replaceChildren(...facts[0].ledger.map(({ name, share }, k) => {
-        const per = (/** @type {number} */ value) => `${(100 * value).toFixed(1)} %`;
-        const row = element("div", {}, element("span", {}, name), element("i", { style: `width:${(100 * share) / most}%` }), element("span", {}, facts.map(({ ledger }) => per(ledger[k].share)).join(" | ")));
-        row.classList.toggle("two", facts.length > 1);
-        return row;
+      find("ledger").replaceChildren(...facts[0].ledger.map(({ name }, k) => {
+        const shares = facts.map(({ ledger }) => ledger[k].share);
+        const bars = shares.map((value) => element("i", { style: `width:${(100 * value) / most}%` }));
+        return element("div", {}, element("span", {}, name), element("span", { class: "bars" }, ...bars), element("span", {}, shares.map((value) => (100 * value).toFixed(facts.length > 1 ? 0 : 1)).join(" | ") + " %"));
       }));
       await new Promise((resolve) => setTimeout(resolve, 60));
     } while (plotAgain);
@@ -179,7 +178,7 @@ function start() {
     const { renderer } = page;
     const samples = Math.min(...renderer.pictures.map(({ film }) => film.samples));
     const scale = renderer.pictures[0] ? renderer.pictures[0].film.width / renderer.pictures[0].slot.area[2] : 1;
-    find("status").textContent = scale < 0.99 ? "Preview" : `${samples} ${samples === 1 ? "sample" : "samples"} a pixel`;
+    find("status").textContent = `${scale < 0.99 ? "Preview, " : ""}${samples} ${samples === 1 ? "sample" : "samples"} a pixel`;
     /** @type {HTMLElement} */ (find("progress").firstElementChild).style.width = `${Math.min(100, 100 * Math.log2(Math.max(samples, 1)) / 12)}%`;
   };
   new ResizeObserver(() => { page.resize(); captions(); void plot(); }).observe(find("stage"));

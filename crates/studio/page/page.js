@@ -17,7 +17,7 @@ import { LIGHTS, SHAPES, viewOf } from "nacre/scenes.js";
 import { History, START, changed, fromHash, toHash } from "nacre/state.js";
 
 /** Colours of the backdrop. @type {Object<string, number[]>} */
-const BACKDROPS = { light: [0.78, 0.77, 0.76], grey: [0.3, 0.3, 0.305], dark: [0.035, 0.036, 0.038] };
+const BACKDROPS = { light: [0.78, 0.77, 0.76], grey: [0.36, 0.36, 0.365], dark: [0.035, 0.036, 0.038] };
 /** Vertices of a path: light between pearls and the ground is followed as far. */
 const VERTICES = 4;
 /** Largest number of pixels of the canvas. */

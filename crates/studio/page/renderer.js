@@ -109,6 +109,8 @@ export class Renderer {
     /** @type {Object<string, Target> | null} */
     this.pool = null;
     this.waiting = false;
+    /** Whether the canvas stays as it is: scripts that render on their own leave no time to it. */
+    this.paused = false;
     /** The change whose first picture was displayed, and the milliseconds from one to the other. */
     this.firstOf = -1;
     this.latency = 0;
@@ -248,7 +250,7 @@ export class Renderer {
       uPick: (() => { const flat = new Float32Array(MOST_RECTANGLES); flat.set(powers.map((p) => p / sum(powers) / all)); return flat; })(),
       uPoint: lights.point ?? [0, 0, 0, 0], uPointPick: lit.point / all, uSkyPick: lit.sky / all,
       uZenith: lights.sky.zenith ?? [0, 0, 0], uHorizon: lights.sky.horizon ?? [0, 0, 0], uSkySeen: Boolean(lights.sky.seen),
-      uMapTurn: [Math.cos(turn), Math.sin(turn)], uVertices: vertices, uMost: shape.occluding ? 12 : 1e30,
+      uMapTurn: [Math.cos(turn), Math.sin(turn)], uVertices: vertices, uMost: shape.occluding ? 3 : 1e30,
     };
   }
 
@@ -330,7 +332,7 @@ export class Renderer {
 
   wake() {
     this.resting = false;
-    if (this.busy || !this.world || this.slots.length === 0) return;
+    if (this.busy || this.paused || !this.world || this.slots.length === 0) return;
     this.busy = true;
     const run = async () => {
       try {
@@ -352,7 +354,7 @@ export class Renderer {
     let scale = 1;
     let shown = performance.now();
     for (;;) {
-      if (gl.isContextLost() || !this.world || this.waiting) return;
+      if (gl.isContextLost() || !this.world || this.waiting || this.paused) return;
       const world = this.world;
       const pixels = this.slots.reduce((all, { area }) => all + area[2] * area[3], 0);
       // The scale at which a pass takes so long.

@@ -58,7 +58,7 @@ export function harnessScene(name) {
  */
 function strand() {
   const pearls = [];
-  const count = 17;
+  const count = 15;
   const middle = (count - 1) / 2;
   let angle = 0;
   const place = (/** @type {number} */ a, /** @type {number} */ r) => [1.75 * Math.sin(a), 0.75 - 1.35 * Math.cos(a), -1 + r, r];
@@ -121,7 +121,7 @@ function facing(azimuth, elevation, distance, width, height, radiance) {
  * @param {number} elevation
  */
 function panes(azimuth, elevation) {
-  const whole = facing(azimuth, elevation, 5, 2.9, 3.4, 6.5);
+  const whole = facing(azimuth, elevation, 5, 2.7, 3.4, 4.2);
   return [0, 1, 2, 3].map((k) => {
     const [x, y] = [k & 1, k >> 1];
     const at = [x ? 0.53 : 0, y ? 0.53 : 0];
@@ -137,8 +137,8 @@ export const LIGHTS = {
   studio: {
     title: "Studio windows",
     lights: (azimuth, elevation) => ({
-      rectangles: [...panes(azimuth, elevation), facing(azimuth + 105, Math.min(elevation, 28), 6, 0.9, 3.6, 3.2), facing(azimuth + 180, 55, 6, 3.2, 1.6, 1.6)],
-      sky: { kind: 2, zenith: [0.34, 0.35, 0.37], horizon: [0.2, 0.2, 0.21] },
+      rectangles: [...panes(azimuth, elevation), facing(azimuth + 105, Math.min(elevation, 28), 6, 0.8, 3.6, 2.4), facing(azimuth + 180, 55, 6, 3.2, 1.6, 1.2)],
+      sky: { kind: 2, zenith: [0.5, 0.51, 0.53], horizon: [0.3, 0.3, 0.31] },
     }),
   },
   lamp: {
