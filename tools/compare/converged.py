@@ -9,9 +9,10 @@ import ways
 #: Relative RMSE and mean: single precision of a graphics processor, and the noise that is left.
 LIMIT = {"relative RMSE": 5e-3, "mean ratio − 1": 1e-3}
 #: Pixels along an edge.
-SIZE = 16
-#: Samples a pixel of the plugin's picture by whether directions are drawn or lead to a light, and how many at once.
-PLUGIN_SAMPLES, AT_ONCE = {True: 131072, False: 49152}, 8192
+SIZE = 12
+#: Samples a pixel of the plugin's picture by light, and how many at once. The harness draws directions to an area light alone: noisy where
+#: lobes are narrow.
+PLUGIN_SAMPLES, AT_ONCE = {"environment": 131072, "area": 393216, "point": 131072}, 16384
 #: Samples a pixel of each of the page's two pictures.
 PAGE_SAMPLES = 8192
 
@@ -44,7 +45,7 @@ class Page:
 def figures(page, plugin, scene, seed=1):
     """Relative RMSE over what is lit, the part of it that is noise, the ratio of the means less 1, and its standard error."""
     image, variance = 0.0, 0.0
-    pieces = PLUGIN_SAMPLES[scene.light == "environment"] // AT_ONCE
+    pieces = PLUGIN_SAMPLES[scene.light] // AT_ONCE
     for piece in range(pieces):
         samples = scenes.samples(scene, plugin.sampler, SIZE, AT_ONCE, seed=1000 * seed + piece)
         values = plugin(samples, None) * np.array(samples.light).T.astype(float)

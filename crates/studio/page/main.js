@@ -176,8 +176,10 @@ function start() {
   }
   page.renderer.onframe = () => {
     const { renderer } = page;
+    if (renderer.pictures.length === 0) return;
+    page.canvas.classList.add("live");
     const samples = Math.min(...renderer.pictures.map(({ film }) => film.samples));
-    const scale = renderer.pictures[0] ? renderer.pictures[0].film.width / renderer.pictures[0].slot.area[2] : 1;
+    const scale = renderer.pictures[0].film.width / renderer.pictures[0].slot.area[2];
     find("status").textContent = `${scale < 0.99 ? "Preview, " : ""}${samples} ${samples === 1 ? "sample" : "samples"} a pixel`;
     /** @type {HTMLElement} */ (find("progress").firstElementChild).style.width = `${Math.min(100, 100 * Math.log2(Math.max(samples, 1)) / 12)}%`;
   };

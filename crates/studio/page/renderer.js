@@ -21,7 +21,7 @@
  */
 
 import { Program, Target, finished, prepare, texture } from "nacre/gl.js";
-import { ADD, MEET, PATHS_WIDTH, SAMPLE, SHOW, WEIGH } from "nacre/glsl/trace.js";
+import { ADD, DIRECT, MEET, PATHS_WIDTH, SAMPLE, SHOW, WEIGH } from "nacre/glsl/trace.js";
 import { packMesh } from "nacre/mesh.js";
 import { forget } from "nacre/probe.js";
 import { cameraAxes, harnessScene } from "nacre/scenes.js";
@@ -279,6 +279,13 @@ export class Renderer {
       ...pearl.textures, uMesh: this.textures.uMesh ?? unused, uMap: this.textures.uMap ?? unused, uMapRows: this.textures.uMapRows ?? unused,
       uFilm: film.front.textures[0],
     };
+    if (samples === 1 && world.vertices === 1 && !world.shape.occluding && world.lights.point && world.lights.rectangles.length === 0 && world.lights.sky.kind === 0) {
+      film.back.bind();
+      gl.enable(gl.SCISSOR_TEST);
+      gl.scissor(0, from, film.width, to - from);
+      this.program(DIRECT, { ...pearl.macros, SHAPE: world.shape.kind, SKY: 0 }).draw(values, textures);
+      return this.advance(film, to, samples);
+    }
     const into = (/** @type {Target} */ target) => {
       target.bind();
       gl.viewport(0, 0, PATHS_WIDTH, Math.ceil(count / PATHS_WIDTH));
@@ -303,7 +310,19 @@ export class Renderer {
     gl.enable(gl.SCISSOR_TEST);
     gl.scissor(0, from, film.width, to - from);
     add.draw(values, { uFilm: film.front.textures[0], uFound: paths.at.textures[3] });
-    gl.disable(gl.SCISSOR_TEST);
+    return this.advance(film, to, samples);
+  }
+
+  /**
+   * Rows of a film are done up to one.
+   * @param {Film} film
+   * @param {number} to
+   * @param {number} samples
+   * @returns {number} paths that were traced
+   */
+  advance(film, to, samples) {
+    const count = (to - film.rows) * film.width * samples;
+    this.gl.disable(this.gl.SCISSOR_TEST);
     film.rows = to;
     if (to === film.height) {
       [film.front, film.back] = [film.back, film.front];

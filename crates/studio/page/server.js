@@ -14,6 +14,8 @@ export class Server {
   constructor(token) {
     this.token = token;
     this.requests = 0;
+    /** Of the bake that is under way. @type {AbortController | null} */
+    this.baking = null;
   }
 
   /** The server that the address names; null without one. Takes the token out of the address, so that it is not copied along. */
@@ -30,11 +32,12 @@ export class Server {
   /**
    * @param {string} path
    * @param {object} [body]
+   * @param {AbortSignal} [signal]
    */
-  async ask(path, body) {
+  async ask(path, body, signal) {
     /** @type {RequestInit} */
     const request = body
-      ? { method: "POST", body: JSON.stringify(body), headers: { "X-Nacre-Token": this.token, "Content-Type": "application/json" } }
+      ? { method: "POST", body: JSON.stringify(body), headers: { "X-Nacre-Token": this.token, "Content-Type": "application/json" }, signal }
       : { headers: { "X-Nacre-Token": this.token } };
     const answer = await fetch(`/api/${path}`, request);
     if (answer.status === 409) throw new Overtaken();
@@ -65,8 +68,15 @@ export class Server {
    * @param {"coarse" | "fine"} quality
    */
   async bake(recipe, quality) {
-    const answer = await this.ask("bake", { recipe, quality, request: ++this.requests });
-    return { arrays: await readNpz(await answer.arrayBuffer()), seconds: Number(answer.headers.get("X-Nacre-Seconds")) };
+    // What is overtaken is not waited for: its answer would be an error.
+    this.baking?.abort();
+    const { signal } = (this.baking = new AbortController());
+    try {
+      const answer = await this.ask("bake", { recipe, quality, request: ++this.requests }, signal);
+      return { arrays: await readNpz(await answer.arrayBuffer()), seconds: Number(answer.headers.get("X-Nacre-Seconds")) };
+    } catch (error) {
+      throw signal.aborted ? new Overtaken() : error;
+    }
   }
 
   /**

@@ -185,6 +185,31 @@ void main() {
   if (most <= 0.0) oThroughput = vec4(0.0);
 }`;
 
+/** All of it at once for a point light alone, which no sampled direction can hit: one sample a pixel, into the film. */
+export const DIRECT = `${NUMERICS}${RANDOM}${COMMON}${PEARL}${SCENE}${PATHS}
+uniform vec3 uEye, uForward, uRight, uUp;
+layout(location = 0) out vec4 oFilm;
+
+void main() {
+  ivec2 pixel = path();
+  vec4 film = texelFetch(uFilm, pixel, 0);
+  Random random = randomOf(uvec2(pixel), uint(film.a), uSeed);
+  float s = next(random), t = next(random);
+  vec2 p = 2.0 * (vec2(pixel) + vec2(s, t)) / vec2(uPicture) - 1.0;
+  vec3 d = normalize(uForward + p.x * uRight + p.y * uUp), x, y;
+  oFilm = film + vec4(0.0, 0.0, 0.0, 1.0);
+  Hit hit = meet(uEye, d, FAR, true, NO_LAMPS);
+  if (hit.kind != PEARL) return;
+  vec3 at = uEye + hit.t * d, n = grained(hit.normal, at), to = uPoint.xyz - at;
+  float far2 = dot(to, to);
+  to *= inversesqrt(far2);
+  if (dot(n, d) >= 0.0 || dot(n, to) <= 0.0) return;
+  frameOf(n, x, y);
+  Value value = evaluate(viewedFrom(normalize(vec3(-dot(d, x), -dot(d, y), -dot(d, n)))), normalize(vec3(dot(to, x), dot(to, y), dot(to, n))));
+  vec3 light = shownOf(value) * (uPoint.w / far2);
+  if (all(lessThan(light, vec3(1e30)))) oFilm.rgb += light;
+}`;
+
 /** Paths to a film. */
 export const ADD = `
 uniform sampler2D uFilm, uFound;
