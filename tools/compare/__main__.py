@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Renders the same scenes four ways and says by how much the pictures differ.
+"""Renders the same scenes five ways and says by how much the pictures differ.
 
     python tools/compare --quick -o compare      under three minutes; what CI runs
     python tools/compare -o compare              the full comparison, for releases
@@ -8,6 +8,7 @@
   b  the plugin `pearl`
   c  a stochastic walk through the stack, written in Dr.Jit, with no table at all
   d  the evaluator of the tool `pearl`
+  e  the page of `pearl studio`, in chromium: only where it is asked for, as it takes minutes
 
 Writes DIR/index.html (pictures, differences, a verdict a line) and DIR/compare.json, and prints the lines. The tools are
 found through NACRE_BIN, else in target/release. Exit codes: 0 all limits kept, 1 runtime failure, 2 wrong usage, or a way
@@ -127,6 +128,7 @@ def noise(key, walked, plugin, size, weight):
 def compare(options, tools):
     import numpy as np
 
+    import converged
     import mitsuba as mi
     import scenes
     import ways
@@ -144,14 +146,17 @@ def compare(options, tools):
             import nacre.mitsuba  # noqa: F401
 
             wavelengths = BANDS if "spectral" in variant else None
-            asked = [key for key in "abcd" if key in options.ways]
+            asked = [key for key in "abcde" if key in options.ways]
             made, refusals = {}, {}
             for key in dict.fromkeys(["b", *asked]):
                 if key == "c" and wavelengths:
                     refusals[key] = "the walk knows one wavelength: compared in rgb"
                     continue
+                if key == "e" and wavelengths:
+                    refusals[key] = "the page shows rgb: compared in rgb"
+                    continue
                 try:
-                    made[key] = ways.WAYS[key](table, parameters, tools)
+                    made[key] = (converged.Page if key == "e" else ways.WAYS[key])(table, parameters, tools)
                 except ways.Refused as why:
                     refusals[key] = str(why)
             for number, scene in enumerate(chosen[:1] if wavelengths and options.quick else chosen):
@@ -194,6 +199,12 @@ def compare(options, tools):
                     weight = float((walks**2).sum() / max(walks.sum(), 1e-300)) / spp
                     walked, plugin = [(shown[key], variance[:, 0]) for key, (_, variance) in zip("cb", grey)]
                     lines += noise(name, walked, plugin, size, weight)
+                if "e" in made:
+                    found = converged.figures(made["e"], made["b"], scene)
+                    for figure, limit in converged.LIMIT.items():
+                        said = f"{figure} (noise {100 * found['noise']:.2f} %)" if figure == "relative RMSE" else figure
+                        lines.append(line(name, "e|b", said, found[figure], limit, abs(found[figure]) <= limit))
+                    shown["e"] = made["e"](scene, size, 64, seed=1)
                 pictures[name] = shown
     return lines, pictures, size
 
@@ -204,21 +215,21 @@ def arguments():
     )
     parser.add_argument("-o", "--output", type=pathlib.Path, required=True, metavar="DIR", help="folder for the page")
     parser.add_argument("--quick", action="store_true", help="small pictures: under three minutes")
-    parser.add_argument("--ways", default="abcd", metavar="LETTERS", help="which ways, of abcd [all]; b is always there")
+    parser.add_argument("--ways", default="abcd", metavar="LETTERS", help="which ways, of abcde [abcd]; b is always there")
     parser.add_argument("--json", action="store_true", help="print the JSON object instead of lines")
     return parser.parse_args()
 
 
 def main():
     options = arguments()
-    if not options.ways or set(options.ways) - set("abcd"):
-        raise Bad(f"--ways: {options.ways!r} is not a choice of the letters abcd")
+    if not options.ways or set(options.ways) - set("abcde"):
+        raise Bad(f"--ways: {options.ways!r} is not a choice of the letters abcde")
     started = time.time()
     import ways  # after the arguments: Mitsuba takes a second to load
 
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, Tools(folder) as tools:
         try:
-            lines, pictures, size = compare(options, Tools(folder))
+            lines, pictures, size = compare(options, tools)
         except ways.Refused as why:
             raise Bad(str(why)) from None
     for way in set(options.ways):

@@ -1,5 +1,6 @@
 """The tables that are compared, and the project's tools that bake and export them."""
 
+import contextlib
 import json
 import os
 import pathlib
@@ -23,7 +24,25 @@ class Tools:
 
     def __init__(self, folder):
         self.folder = folder
+        self.folder_path = pathlib.Path(folder)
+        self.stack = contextlib.ExitStack()
+        self._browser = None
         self.bin = pathlib.Path(os.environ.get("NACRE_BIN", ROOT / "target" / "release")).resolve()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *why):
+        self.stack.close()
+
+    @property
+    def browser(self):
+        """A chromium, started when the first page is asked for."""
+        if self._browser is None:
+            import browser
+
+            self._browser = self.stack.enter_context(browser.browser())
+        return self._browser
 
     def path(self, name):
         path = self.bin / name
