@@ -24,6 +24,8 @@ const FAINT: f64 = 0.15;
 /// Share of the accuracy asked for that the solver takes of what reading between rows and cells leaves: what it leaves of ringing is
 /// missed between rows and cells, too, so that it is about as fine as the lobes by which they were placed.
 const SOLVER_SHARE: f64 = 0.1;
+/// Total variation at which rounding begins to end what more nodes do.
+const FINEST_DOUBLING: f64 = 2e-6;
 /// Rows or cells that miss this much more than they may are placed by finer lobes, so often at most.
 const FAR: f64 = 1.2;
 const ATTEMPTS: u32 = 3;
@@ -61,7 +63,8 @@ impl Grid {
 
     /// Total variation that doubling is asked for where a table is wanted to an accuracy (both shares of all light).
     pub(super) fn solver_share(&self, accuracy: f64) -> f64 {
-        (SOLVER_SHARE * accuracy * FINER.powi(self.refinements as i32)).min(COARSEST_DOUBLING)
+        let share = SOLVER_SHARE * accuracy * FINER.powi(self.refinements as i32);
+        share.max(FINEST_DOUBLING.min(0.5 * accuracy)).min(COARSEST_DOUBLING)
     }
 
     /// The grid that a request asks for: its own incidences or as few as its accuracy takes, and as few cells as that takes. A
