@@ -143,6 +143,7 @@ function start() {
     preset.update();
     view.update();
     find("stage").classList.toggle("split", state.view === "split");
+    if (state.view === "sheet") find("readout").hidden = true;
     find("divider").hidden = find("tags").hidden = state.view !== "split";
     find("divider").style.left = `${100 * state.divider}%`;
     find("divider").setAttribute("aria-valuenow", String(Math.round(100 * state.divider)));
