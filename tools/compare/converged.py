@@ -14,9 +14,9 @@ LIMIT = {"relative RMSE": 5e-3, "mean ratio − 1": 1e-3}
 SIZE = 12
 #: Samples a pixel of the plugin's picture by light, and how many at once. The harness draws directions to an area light alone: noisy where
 #: lobes are narrow.
-PLUGIN_SAMPLES, AT_ONCE = {"environment": 131072, "area": 393216, "point": 393216}, 16384
+PLUGIN_SAMPLES, AT_ONCE = {"environment": 131072, "area": 786432, "point": 393216}, 16384
 #: Samples a pixel of each of the page's two pictures.
-PAGE_SAMPLES = {"environment": 8192, "area": 32768, "point": 8192}
+PAGE_SAMPLES = {"environment": 8192, "area": 65536, "point": 8192}
 
 
 class Page:

@@ -216,14 +216,7 @@ function start() {
     }
     const state = await page.server.state();
     page.recipes = state.recipes ?? [];
-    page.begin(await page.server.initial(), null, state.name);
-    // What the server was started with may be coarse: it is baked to the end.
-    if (state.recipe) {
-      page.start = { ...page.start, a: { ...page.start.a, recipe: state.recipe }, b: { ...page.start.b, recipe: state.recipe } };
-      if (!page.state.a.recipe) page.state = { ...page.state, a: { ...page.state.a, recipe: state.recipe }, b: { ...page.state.b, recipe: state.recipe } };
-      page.follow();
-      page.onupdate();
-    }
+    page.begin(await page.server.initial(), state.recipe, state.name);
   }
   return { page, loaded: load() };
 }
