@@ -24,8 +24,7 @@ COMPONENTS = ["diffuse", "incoherent", "mirror", "blur"]
 #: Recipe, what is changed of it, and how it is baked.
 TABLES = {
     "decay": ("paper", {}, ["--azimuth", "decay", "--incident-deg", "0:90:9"]),
-    "space": ("mother-of-pearl", {}, ["--azimuth", "space", "--incident-deg", "5:85:8"]),
-    "visible": ("paper", {"normals": "visible"}, ["--azimuth", "space", "--incident-deg", "0:90:9"]),
+    "space": ("paper", {"normals": "visible"}, ["--azimuth", "space", "--incident-deg", "5:85:8"]),
     "reciprocal-decay": ("paper", {}, ["--reciprocal", "--azimuth", "decay", "--incident-deg", "0:90:6"]),
     "reciprocal-space": ("paper", {}, ["--reciprocal", "--azimuth", "space", "--incident-deg", "0:90:9"]),
     "dispersed": ("golden", {}, ["--azimuth", "decay", "--incident-deg", "0:90:6"]),
@@ -161,9 +160,9 @@ def cells(page, wi, exits):
 def test_samples_follow_their_density(open_page, name):
     from scipy.stats import chi2
 
-    page, side = open_page(name), 300
+    page, side = open_page(name), 220
     page.evaluate("nacre.set({ coherence: 1, brightness: 0.8 })")
-    for degrees in (0.0, 30.0, 65.0):
+    for degrees in (0.0, 50.0):
         theta = np.radians(degrees)
         wi = [float(np.sin(theta)), 0.0, float(np.cos(theta))]
         exits, values = (chromium.unpack(text).reshape(-1, 4) for text in page.evaluate(SAMPLE, [wi, side, 7]))
@@ -174,7 +173,7 @@ def test_samples_follow_their_density(open_page, name):
         statistic, degrees_of_freedom = ((counted - expected) ** 2 / expected).sum(), counted.size - 1
         p = chi2.sf(statistic, degrees_of_freedom)
         print(f"{name} at {degrees:.0f}°: χ² {statistic:.0f} of {degrees_of_freedom}, p {p:.3f}")
-        # One draw with a fixed seed; a density that is off by a per cent makes p vanish.
+        # One draw with a fixed seed; azimuths that are drawn a tenth too wide make p vanish.
         assert p > 1e-4
         # The furnace: what is reflected, by the samples' weights.
         albedo = (values[found, :3] / exits[found, 3:]).sum(axis=0) / side**2
@@ -208,7 +207,7 @@ def test_pictures_are_the_same_for_the_same_seed(open_page):
 
 
 def test_the_page_keeps_its_state_and_says_nothing(open_page):
-    page = open_page(canvas=True, viewport={"width": 1024, "height": 768})
+    page = open_page(canvas=True, viewport={"width": 800, "height": 500})
     page.evaluate("nacre.set({ depth: 0.25, light: 'lamp', a: { body_rgb: [1, 0.5, 0.25] } })")
     state = page.evaluate("nacre.state()")
     assert state["a"]["depth"] == 0.25 and state["light"] == "lamp" and state["a"]["body_rgb"] == [1, 0.5, 0.25]

@@ -1,5 +1,7 @@
 """Way (e), the page of `pearl studio`, against the plugin: pictures of their own samples, so many that noise is below what is asked."""
 
+import pathlib
+
 import numpy as np
 
 import browser
@@ -12,9 +14,9 @@ LIMIT = {"relative RMSE": 5e-3, "mean ratio − 1": 1e-3}
 SIZE = 12
 #: Samples a pixel of the plugin's picture by light, and how many at once. The harness draws directions to an area light alone: noisy where
 #: lobes are narrow.
-PLUGIN_SAMPLES, AT_ONCE = {"environment": 131072, "area": 393216, "point": 131072}, 16384
+PLUGIN_SAMPLES, AT_ONCE = {"environment": 131072, "area": 786432, "point": 393216}, 16384
 #: Samples a pixel of each of the page's two pictures.
-PAGE_SAMPLES = 8192
+PAGE_SAMPLES = {"environment": 8192, "area": 65536, "point": 8192}
 
 
 class Page:
@@ -25,7 +27,7 @@ class Page:
     def __init__(self, table, parameters, tools):
         if browser.reason():
             raise ways.Refused(browser.reason())
-        arrays = tools.folder_path / "arrays.npz"
+        arrays = tools.folder_path / f"{pathlib.Path(table).stem}.npz"
         tools.run("lut", "export", table, "--to", "arrays", "-q", "-o", arrays)
         self.page = tools.browser.open(arrays.read_bytes())
         self.page.evaluate("nacre.ready.then(() => { nacre.page.renderer.paused = true; })")
@@ -51,7 +53,7 @@ def figures(page, plugin, scene, seed=1):
         values = plugin(samples, None) * np.array(samples.light).T.astype(float)
         mean, its_variance = scenes.image(values, samples.pixel, SIZE, AT_ONCE)
         image, variance = image + mean / pieces, variance + its_variance / pieces**2
-    pair = [page(scene, SIZE, PAGE_SAMPLES, seed + k) for k in (0, 1)]
+    pair = [page(scene, SIZE, PAGE_SAMPLES[scene.light], seed + k) for k in (0, 1)]
     shown = (pair[0] + pair[1]) / 2
     # Of the mean of two, from their difference.
     own = (pair[0] - pair[1]) ** 2 / 4

@@ -143,6 +143,7 @@ function start() {
     preset.update();
     view.update();
     find("stage").classList.toggle("split", state.view === "split");
+    if (state.view === "sheet") find("readout").hidden = true;
     find("divider").hidden = find("tags").hidden = state.view !== "split";
     find("divider").style.left = `${100 * state.divider}%`;
     find("divider").setAttribute("aria-valuenow", String(Math.round(100 * state.divider)));
@@ -215,14 +216,7 @@ function start() {
     }
     const state = await page.server.state();
     page.recipes = state.recipes ?? [];
-    page.begin(await page.server.initial(), null, state.name);
-    // What the server was started with may be coarse: it is baked to the end.
-    if (state.recipe) {
-      page.start = { ...page.start, a: { ...page.start.a, recipe: state.recipe }, b: { ...page.start.b, recipe: state.recipe } };
-      if (!page.state.a.recipe) page.state = { ...page.state, a: { ...page.state.a, recipe: state.recipe }, b: { ...page.state.b, recipe: state.recipe } };
-      page.follow();
-      page.onupdate();
-    }
+    page.begin(await page.server.initial(), state.recipe, state.name);
   }
   return { page, loaded: load() };
 }

@@ -19,7 +19,7 @@ import { History, START, changed, fromHash, toHash } from "nacre/state.js";
 /** Colours of the backdrop. @type {Object<string, number[]>} */
 const BACKDROPS = { light: [0.78, 0.77, 0.76], grey: [0.36, 0.36, 0.365], dark: [0.035, 0.036, 0.038] };
 /** Vertices of a path: light between pearls and the ground is followed as far. */
-const VERTICES = 4;
+const VERTICES = 3;
 /** Largest number of pixels of the canvas. */
 const MOST_PIXELS = 3_000_000;
 /** Names that a state may hold. */
@@ -75,7 +75,8 @@ export class Page {
    * @param {string} name
    */
   begin(arrays, recipe, name) {
-    this.pearls.give("a", arrays, recipe);
+    // A table without colours by wavelength is coarse: its recipe is baked to the end.
+    this.pearls.give("a", arrays, arrays.modulation_spectral ? recipe : null);
     const table = /** @type {import("nacre/pearl.js").Pearl} */ (this.pearls.of.a).table;
     const { depth, brightness, coherence, body_rgb } = table.look;
     const side = { ...START.a, depth, brightness, coherence, body_rgb, ...(recipe ? lookOf(recipe) : {}), name, recipe };

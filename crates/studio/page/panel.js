@@ -60,7 +60,11 @@ export function buildPanel(page, into) {
   look.summary.append(which);
   const thickness = add(number({
     label: "Thickness", unit: "×", min: 0.7, max: 1.4, step: 0.005, hint: "Scale of all layers' thicknesses: the cause of the interference colour",
-    get: () => side().thickness, set: (value) => page.change({ thickness: value }, "thickness"), initial: () => 1,
+    get: () => side().thickness, initial: () => 1,
+    set: (value) => {
+      const [low, high] = page.pearls.of[page.state.side]?.table.scales ?? [1, 1];
+      page.change({ thickness: Math.min(Math.max(value, low), high) }, "thickness");
+    },
   }));
   look.querySelector(".body")?.insertBefore(thickness, look.querySelector(".colour"));
 

@@ -43,7 +43,7 @@ export const START = {
 
 /** Ranges of the numbers. @type {Object<string, [number, number]>} */
 export const RANGES = {
-  depth: [0, 1], brightness: [0, 1], coherence: [0, 1], grain: [0, 1], thickness: [0.7, 1.4], divider: [0, 1],
+  depth: [0, 1], brightness: [0, 1], coherence: [0, 1], grain: [0, 1], thickness: [0.25, 4], divider: [0, 1],
   light_azimuth_deg: [-180, 180], light_elevation_deg: [-10, 90], exposure_ev: [-4, 4],
   camera_azimuth_deg: [-180, 180], camera_elevation_deg: [-60, 60], zoom: [0.5, 4],
 };
