@@ -240,6 +240,9 @@ struct Scalable {
     kind: Quantity,
 }
 
+/// At each angle, linear sRGB and the mean that it is in units of (1 of M).
+type Row = Vec<([f64; 3], f64)>;
+
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Quantity {
     Modulation,
@@ -247,8 +250,8 @@ enum Quantity {
 }
 
 impl Scalable {
-    /// Linear sRGB at a scale, and the mean that it is in units of (1 of M).
-    fn at(&self, scale: f64) -> Vec<([f64; 3], f64)> {
+    /// The colour at a scale.
+    fn at(&self, scale: f64) -> Row {
         let scaled = Scaled::new(self.sampling, scale);
         let row = |(row, most): (&Banded, &f64)| {
             if scale == 1.0 {
@@ -267,7 +270,7 @@ impl Scalable {
     }
 
     /// ΔE00 that reading between neighbouring scales misses half-way, at the worst angle.
-    fn missed(&self, scale: &[f64], nodes: &[Vec<([f64; 3], f64)>]) -> f64 {
+    fn missed(&self, scale: &[f64], nodes: &[Row]) -> f64 {
         let judged = self.theta_deg.partition_point(|degrees| *degrees <= JUDGED_DEG);
         let between = |k: usize| {
             let middle = self.at((scale[k] * scale[k + 1]).sqrt());
@@ -287,7 +290,7 @@ fn thickness(recipe: &Recipe, wanted: Wanted, parts: &[Scalable]) -> Result<Thic
     let mut per_octave = SCALES_PER_OCTAVE;
     let (scale, nodes, missed) = loop {
         let scale = scales(recipe, per_octave);
-        let nodes: Vec<Vec<Vec<([f64; 3], f64)>>> =
+        let nodes: Vec<Vec<Row>> =
             parts.iter().map(|part| scale.iter().map(|scale| part.at(*scale)).collect()).collect();
         let missed =
             parts.iter().zip(&nodes).map(|(part, nodes)| part.missed(&scale, nodes)).fold(0.0, f64::max);

@@ -61,6 +61,9 @@ impl From<BakeError> for Unbaked {
     fn from(error: BakeError) -> Self {
         match error {
             BakeError::Interrupted => Self::Overtaken,
+            BakeError::Doubling(why) => {
+                Self::Refused(format!("recipe: cannot be baked here: {why}; `bake-brdf` may walk it"))
+            }
             error => Self::Refused(error.to_string()),
         }
     }
@@ -220,7 +223,8 @@ fn request(order: &Order) -> Result<Request, BakeError> {
         Quality::Coarse => (coarse.clone(), COARSE_SECONDS),
         Quality::Fine => {
             let options = Options { target: Target::AccuracyPercent(FINE_ACCURACY), ..Options::default() };
-            (Options { solver: Some(SolverChoice::Auto), ..options }, FINE_SECONDS)
+            // The walk's time is known after a pilot alone, which may take long itself.
+            (Options { solver: Some(SolverChoice::Doubling), ..options }, FINE_SECONDS)
         }
     };
     let (recipe, decisions) = options.decide(order.recipe.clone(), &View::of_look(&order.recipe.look))?;
@@ -236,8 +240,7 @@ fn request(order: &Order) -> Result<Request, BakeError> {
     let placed = Options { incident_deg: coarse.incident_deg, cells: Some(cells), ..options.clone() };
     let placed = Request::of(recipe.clone(), effects, placed)?;
     let bands = placed.bands()?;
-    let solver = bake::solver(&placed, &bands)?;
-    let seconds = bake::forecast(&placed, &bands, solver, &Observer::idle())?.seconds;
+    let seconds = bake::forecast(&placed, &bands, SolverChoice::Doubling, &Observer::idle())?.seconds;
     if seconds > most {
         let percent = if order.quality == Quality::Coarse { COARSE_ACCURACY } else { FINE_ACCURACY };
         return Err(BakeError::Input(format!(
@@ -298,7 +301,7 @@ mod tests {
         let started = Instant::now();
         let found = bake(&order(slow, Quality::Fine), &AtomicBool::new(false)).unwrap_err();
         assert!(
-            matches!(&found, Unbaked::Refused(line) if line.starts_with("recipe: would take") && !line.contains('\n')),
+            matches!(&found, Unbaked::Refused(line) if line.starts_with("recipe: ") && !line.contains('\n')),
             "{found:?}"
         );
         assert!(started.elapsed().as_secs_f64() < 20.0);

@@ -15,6 +15,7 @@ pub use server::Server;
 
 /// What the simulator opens with.
 #[derive(Debug)]
+#[allow(clippy::large_enum_variant)] // there is one
 pub enum Start {
     /// A recipe, to be baked.
     Recipe(Recipe),
