@@ -6,12 +6,13 @@ All of it runs from a file without a network, by SwiftShader, in chromium.
 import json
 import pathlib
 import shutil
+import signal
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from built import ROOT, run
+from built import BIN, ROOT, run
 
 sys.path.insert(0, str(ROOT / "tools" / "compare"))
 
@@ -343,3 +344,35 @@ def test_every_module_is_small_and_says_what_it_is():
         text = path.read_text(encoding="utf-8")
         assert text.startswith("/**"), f"{path.name} opens with what it is"
         assert all("from \"nacre/" in line for line in text.splitlines() if line.startswith("import ")), path.name
+
+
+def test_the_studio_bakes_what_its_page_asks_for(browser):
+    built = subprocess.run([BIN / "pearl", "studio", "--help"], capture_output=True, text=True)
+    if built.returncode != 0:
+        pytest.skip("the page with its server is NOT TESTED: this `pearl` has no studio")
+    studio = subprocess.Popen([BIN / "pearl", "studio", "paper", "--no-browser"], stdout=subprocess.PIPE, text=True)
+    try:
+        page = browser.visit(studio.stdout.readline().strip(), offline=False, viewport={"width": 400, "height": 300})
+        page.evaluate("nacre.ready.then(() => { nacre.page.renderer.paused = true; })")
+        assert page.evaluate("nacre.state().a.name") == "paper" and "token" not in page.evaluate("location.href")
+        # Thinner layers: another colour, by a first table and a last one; the one that is overtaken says nothing.
+        before = page.evaluate("[...nacre.page.pearls.of.a.table.arrays.modulation_rgb.data.slice(0, 3)]")
+        page.evaluate("""async () => {
+          const thinner = (nm) => { const recipe = nacre.state().a.recipe; recipe.stack.aragonite.thickness_nm = nm; return recipe; };
+          const overtaken = nacre.setRecipe(thinner(380));
+          await Promise.all([overtaken, nacre.setRecipe(thinner(400))]);
+        }""")
+        assert page.evaluate("nacre.state().a.recipe.stack.aragonite.thickness_nm") == 400
+        assert page.evaluate("nacre.page.pearls.of.a.table.spectral") is True
+        assert page.evaluate("[...nacre.page.pearls.of.a.table.arrays.modulation_rgb.data.slice(0, 3)]") != before
+        page.evaluate("nacre.page.travel(-1)")
+        page.evaluate("nacre.page.pearls.baking")
+        assert page.evaluate("nacre.state().a.recipe.stack.aragonite.thickness_nm") != 400
+        said = page.evaluate("(async () => { try { await nacre.setRecipe({ stack: { layers: -1 } }); } catch (error) { return error.message; } })()")
+        assert "layers" in said
+        # What a browser says of a refused request is its own.
+        assert [message for message in page.messages if "400" not in message] == []
+        page.context.close()
+    finally:
+        studio.send_signal(signal.SIGINT)
+        assert studio.wait(20) == 0
