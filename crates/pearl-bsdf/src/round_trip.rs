@@ -50,7 +50,7 @@ pub fn measure(
 }
 
 /// Roberts' R₃ sequence: multiples of the inverse powers of the root of x⁴ = x + 1.
-fn point(n: u32) -> [f64; 3] {
+pub(crate) fn point(n: u32) -> [f64; 3] {
     const ROOT: f64 = 1.220_744_084_605_759_5;
     let step = [1.0 / ROOT, 1.0 / (ROOT * ROOT), 1.0 / (ROOT * ROOT * ROOT)];
     step.map(|step| (0.5 + step * f64::from(n)).fract())

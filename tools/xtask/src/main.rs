@@ -14,11 +14,12 @@ use std::process::{Command, ExitCode};
 use std::time::Instant;
 
 const USAGE: &str = "\
-cargo xtask test     set up and run every check (what CI runs)
-cargo xtask setup    only set up: Python environment, libLLVM
-cargo xtask rust     only the Rust checks: format, lints, docs, tests
-cargo xtask python   only the checks against Python readers and renderers
-cargo xtask long     the studies that take minutes to an hour: the main job against its truths";
+cargo xtask test       set up and run every check (what CI runs)
+cargo xtask setup      only set up: Python environment, libLLVM
+cargo xtask rust       only the Rust checks: format, lints, docs, tests
+cargo xtask python     only the checks against Python readers and renderers
+cargo xtask renderers  exported files in the programs that they are for (downloads those programs)
+cargo xtask long       the studies that take minutes to an hour: the main job against its truths";
 
 fn main() -> ExitCode {
     let command = std::env::args().nth(1).unwrap_or_default();
@@ -27,6 +28,7 @@ fn main() -> ExitCode {
         "setup" => python::environment().map(drop),
         "rust" => rust(),
         "python" => python_checks("tests/python"),
+        "renderers" => renderers(),
         "long" => long(),
         _ => {
             eprintln!("{USAGE}");
@@ -101,6 +103,11 @@ fn checks() -> Result<()> {
         packages.extend(["--exclude", ours_alone]);
     }
     step("packages", cargo(&packages))
+}
+
+fn renderers() -> Result<()> {
+    step("release build", cargo(&EVERYTHING))?;
+    step("renderers", pytest(&python::renderers()?, "tests/renderers"))
 }
 
 fn long() -> Result<()> {

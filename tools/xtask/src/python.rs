@@ -5,16 +5,26 @@ use anyhow::{Context as _, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Makes the environment if it is missing or its requirements changed; gives its interpreter.
+/// The environment of the tests; makes it if it is missing or its requirements changed, and gives its interpreter.
 pub(crate) fn environment() -> Result<PathBuf> {
-    let venv = root().join(".venv");
+    let python = with_packages(".venv", "tests/python/requirements.txt")?;
+    llvm(&python)?;
+    chromium();
+    Ok(python)
+}
+
+/// The environment with the programs that exported files are for.
+pub(crate) fn renderers() -> Result<PathBuf> {
+    with_packages("target/renderers-venv", "tests/renderers/requirements.txt")
+}
+
+/// The interpreter of an environment in this folder of the checkout with these packages.
+fn with_packages(folder: &str, requirements: &str) -> Result<PathBuf> {
+    let venv = root().join(folder);
     let python = venv.join("bin/python");
-    let requirements = std::fs::read_to_string(root().join("tests/python/requirements.txt"))
-        .context("tests/python/requirements.txt")?;
+    let wanted = std::fs::read_to_string(root().join(requirements)).context(requirements.to_owned())?;
     let stamp = venv.join("requirements.txt");
-    if std::fs::read_to_string(&stamp).is_ok_and(|installed| installed == requirements) {
-        llvm(&python)?;
-        chromium();
+    if std::fs::read_to_string(&stamp).is_ok_and(|installed| installed == wanted) {
         return Ok(python);
     }
     let mut make = Command::new("python3");
@@ -22,11 +32,9 @@ pub(crate) fn environment() -> Result<PathBuf> {
     step("python environment", make)?;
     let mut install = Command::new(&python);
     install.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"]);
-    install.arg(root().join("tests/python/requirements.txt"));
+    install.arg(root().join(requirements));
     step("python packages", install)?;
-    std::fs::write(&stamp, requirements)?;
-    llvm(&python)?;
-    chromium();
+    std::fs::write(&stamp, wanted)?;
     Ok(python)
 }
 

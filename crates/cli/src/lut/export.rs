@@ -14,7 +14,7 @@ use terminal::{Outcome, Stop};
 pub(crate) struct ExportArgs {
     #[command(flatten)]
     file: super::FileArg,
-    /// Format: arrays for whatever evaluates the pearl by itself (docs/ARRAYS.md), bsdf-rgb and bsdf-spectral for Mitsuba's `measured` (pbrt-v4 reads the spectral one only), merl for the MERL database's readers.
+    /// Format: arrays for whatever evaluates the pearl by itself (docs/ARRAYS.md), bsdf-rgb and bsdf-spectral for Mitsuba's `measured` (pbrt-v4 reads the spectral one only), merl for the MERL database's readers, radiance for Radiance, microfacet for renderers that have nothing but microfacets (docs/HOSTS.md).
     #[arg(long, value_enum, value_name = "FORMAT")]
     to: Named,
     /// File to write.
@@ -28,7 +28,16 @@ struct Named(Format);
 
 impl clap::ValueEnum for Named {
     fn value_variants<'a>() -> &'a [Self] {
-        const { &[Self(Format::ALL[0]), Self(Format::ALL[1]), Self(Format::ALL[2]), Self(Format::ALL[3])] }
+        const {
+            &[
+                Self(Format::ALL[0]),
+                Self(Format::ALL[1]),
+                Self(Format::ALL[2]),
+                Self(Format::ALL[3]),
+                Self(Format::ALL[4]),
+                Self(Format::ALL[5]),
+            ]
+        }
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {

@@ -1,6 +1,8 @@
 //! A pearl in formats of other programs, with the error of the round trip.
 
+mod microfacet;
 pub mod npz;
+mod radiance;
 
 use crate::measured::{self, Channels, Reader};
 use crate::round_trip::{self, RoundTrip};
@@ -25,11 +27,16 @@ pub enum Format {
     BsdfSpectral,
     /// The MERL database's.
     Merl,
+    /// Radiance's tensor tree.
+    Radiance,
+    /// Three microfacet lobes.
+    Microfacet,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Arrays, Self::BsdfRgb, Self::BsdfSpectral, Self::Merl];
+    pub const ALL: [Self; 6] =
+        [Self::Arrays, Self::BsdfRgb, Self::BsdfSpectral, Self::Merl, Self::Radiance, Self::Microfacet];
 
     /// Its name.
     #[must_use]
@@ -39,6 +46,8 @@ impl Format {
             Self::BsdfRgb => "bsdf-rgb",
             Self::BsdfSpectral => "bsdf-spectral",
             Self::Merl => "merl",
+            Self::Radiance => "radiance",
+            Self::Microfacet => "microfacet",
         }
     }
 
@@ -49,6 +58,8 @@ impl Format {
             Self::Arrays => "npz",
             Self::BsdfRgb | Self::BsdfSpectral => "bsdf",
             Self::Merl => "binary",
+            Self::Radiance => "xml",
+            Self::Microfacet => "json",
         }
     }
 
@@ -60,6 +71,8 @@ impl Format {
             Self::BsdfRgb => "Tensor file (.bsdf) for RGB renderers",
             Self::BsdfSpectral => "Tensor file (.bsdf) for spectral renderers",
             Self::Merl => "MERL .binary; made reciprocal, as the format demands",
+            Self::Radiance => "Radiance's BSDF XML: a tensor tree of rank 3, in colour",
+            Self::Microfacet => "Three Beckmann lobes and a diffuse one by viewing angle (.json)",
         }
     }
 }
@@ -95,6 +108,8 @@ impl Export {
             Format::BsdfRgb => tensor(bsdf, &Channels::Rgb, name)?,
             Format::BsdfSpectral => tensor(bsdf, &Channels::Spectral(measured::wavelengths_nm(bsdf)), name)?,
             Format::Merl => merl(bsdf)?,
+            Format::Radiance => radiance(bsdf, name)?,
+            Format::Microfacet => microfacet(bsdf, name)?,
         };
         Ok(Self { format, bytes, content })
     }
@@ -181,4 +196,24 @@ fn merl(bsdf: &PearlBsdf) -> Result<(Vec<u8>, Content), FieldError> {
         |wi, wo| merl.eval(wi, wo).map_or([0.0; 3], |rgb| rgb.map(|x| x * wo[2])).to_vec(),
     );
     Ok((bytes, Content::Approximation(errors)))
+}
+
+fn radiance(bsdf: &PearlBsdf, name: &str) -> Result<(Vec<u8>, Content), FieldError> {
+    let (bytes, tree) = radiance::encode(bsdf, name)?;
+    let errors = round_trip::measure(
+        bsdf,
+        |wi, wo| bsdf.eval_seen(wi, wo).rgb().to_vec(),
+        |wi, wo| tree.eval(wi, wo).to_vec(),
+    );
+    Ok((bytes, Content::Approximation(errors)))
+}
+
+fn microfacet(bsdf: &PearlBsdf, name: &str) -> Result<(Vec<u8>, Content), FieldError> {
+    let lobes = microfacet::Microfacets::new(bsdf)?;
+    let errors = round_trip::measure(
+        bsdf,
+        |wi, wo| bsdf.eval_seen(wi, wo).rgb().to_vec(),
+        |wi, wo| lobes.eval(wi, wo).to_vec(),
+    );
+    Ok((lobes.encode(name), Content::Approximation(errors)))
 }
