@@ -165,8 +165,14 @@ def test_an_exception_in_progress_stops_a_bake():
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of threads are read from /proc")
 def test_a_doubling_that_is_stopped_leaves_no_thread_working():
+    def named():
+        return {path for path in Path("/proc/self/task").glob("*/comm") if path.read_text() == "nacre-bake\n"}
+
+    # Threads of the common pool have the name of the bake that came first, and stay.
+    others = named()
+
     def working():
-        return [path for path in Path("/proc/self/task").glob("*/comm") if path.read_text() == "nacre-bake\n"]
+        return named() - others
 
     def refuse(share, seconds):
         assert working()
@@ -174,7 +180,6 @@ def test_a_doubling_that_is_stopped_leaves_no_thread_working():
 
     narrow, effects = {"facets": {"slope_sd_deg": 1}}, "surface,blur,azimuth:space"
     with pytest.raises(LookupError, match="enough"):
-        # Threads of its own: those of the common pool stay, and have its name.
         nacre.bake(narrow, solver="doubling", accuracy=0.1, incident_deg=[0, 80], cells=(20, 10), effects=effects, threads=2, progress=refuse)
     # By the processor's time: all of it takes 18 s.
     spent = time.process_time()

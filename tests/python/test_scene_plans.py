@@ -138,7 +138,7 @@ def test_shapes_places_and_tables_are_those_of_the_scene():
     assert [found["table"] for found in (a, b, c)] == [0, 1, 0] and len(report["tables"]) == 2
     assert report["schema"] == "bake-plan/1" and report["seconds"] == pytest.approx(sum(table["seconds"] for table in report["tables"]))
     for found in (a, b, c):
-        assert len(found["effects"]) == 12 and all(effect["why"] for effect in found["effects"].values())
+        assert len(found["effects"]) == 13 and all(effect["why"] for effect in found["effects"].values())
         assert all(effect["on"] or effect["seconds"] == effect["bytes"] == 0 for effect in found["effects"].values())
     # A table is paid for once.
     assert a["effects"]["surface"]["bytes"] > 0 and c["effects"]["surface"]["bytes"] == 0
