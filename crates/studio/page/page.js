@@ -14,6 +14,7 @@ import { readNpz } from "nacre/npz.js";
 import { Pearls, lookOf } from "nacre/pearls.js";
 import { Renderer } from "nacre/renderer.js";
 import { LIGHTS, SHAPES, viewOf } from "nacre/scenes.js";
+import { hasSpectra } from "nacre/table.js";
 import { History, START, changed, fromHash, toHash } from "nacre/state.js";
 
 /** Colours of the backdrop. @type {Object<string, number[]>} */
@@ -76,7 +77,7 @@ export class Page {
    */
   begin(arrays, recipe, name) {
     // A table without colours by wavelength is coarse: its recipe is baked to the end.
-    this.pearls.give("a", arrays, arrays.modulation_spectral ? recipe : null);
+    this.pearls.give("a", arrays, hasSpectra(arrays) ? recipe : null);
     const table = /** @type {import("nacre/pearl.js").Pearl} */ (this.pearls.of.a).table;
     const { depth, brightness, coherence, body_rgb } = table.look;
     const side = { ...START.a, depth, brightness, coherence, body_rgb, ...(recipe ? lookOf(recipe) : {}), name, recipe };

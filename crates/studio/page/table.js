@@ -38,6 +38,12 @@ export const MOST_BANDS = 16;
 export const PACKED_WIDTH = 2048;
 
 /**
+ * Whether arrays have colours over the wavelength; those of a coarse bake have them at one alone.
+ * @param {Arrays} arrays
+ */
+export const hasSpectra = (arrays) => (arrays.channel_nm?.data.length ?? 0) > 1;
+
+/**
  * Checks arrays and names their sizes.
  * @param {Arrays} arrays
  * @returns {Table}
@@ -61,7 +67,7 @@ export function makeTable(arrays) {
   return {
     arrays, bands, incidences, rows, columns, spans, steps: points - 1,
     space: number("space") > 0, reciprocal: number("reciprocal") > 0, visible: number("visible") > 0,
-    nodes, spectral: Boolean(arrays.modulation_spectral),
+    nodes, spectral: hasSpectra(arrays),
     scales: arrays.scale ? [arrays.scale.data[0], arrays.scale.data[arrays.scale.data.length - 1]] : null,
     cellWidth: number("cell_width"), capRadius: number("cap_radius"),
     look: {
