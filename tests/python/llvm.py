@@ -23,5 +23,17 @@ def missing(what):
     return f"{what} NOT TESTED: {reason()}" if reason() else None
 
 
+def use(variant):
+    """Sets a variant of Mitsuba; skips the test, saying why, where it cannot run."""
+    import mitsuba
+    import pytest
+
+    why = variant.startswith("llvm") and missing("LLVM variants of Mitsuba are")
+    if why:
+        print(f"\n{why}", file=sys.__stderr__)
+        pytest.skip(why)
+    mitsuba.set_variant(variant)
+
+
 if __name__ == "__main__":
     sys.exit(reason())

@@ -31,13 +31,6 @@ WAVELENGTHS = [450.0, 510.0, 570.0, 640.0]
 LLVM_MISSING = llvm.missing("LLVM variants of Mitsuba are")
 
 
-def use(variant):
-    if variant.startswith("llvm") and LLVM_MISSING:
-        print(f"\n{LLVM_MISSING}", file=sys.__stderr__)
-        pytest.skip(LLVM_MISSING)
-    mi.set_variant(variant)
-
-
 def use_rgb():
     """The variant that evaluates many pairs at a call, or the scalar one where there is no LLVM."""
     mi.set_variant("scalar_rgb" if LLVM_MISSING else "llvm_ad_rgb")
@@ -172,7 +165,7 @@ def reference(tables):
 def test_values_are_those_of_the_rust_evaluator(variant, kind, tables, reference):
     if "mono" in variant and kind != "sparse":
         kind = "sparse"  # luminance is not what Rust computes: only a table without colour says the same
-    use(variant)
+    llvm.use(variant)
     wi, wo, values, densities, _ = reference[kind]
     # Scalar variants run through Python pair by pair.
     step = 1 if variant.startswith("llvm") or FULL else 20
@@ -195,7 +188,7 @@ def dispersed(folder):
 
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral", "scalar_spectral"])
 def test_a_dispersed_table_shows_all_its_bands(variant, dispersed):
-    use(variant)
+    llvm.use(variant)
     path, wi, wo, values, densities, _ = dispersed
     expected = expected_of(values)
     if "mono" in variant:
@@ -210,7 +203,7 @@ def test_a_dispersed_table_shows_all_its_bands(variant, dispersed):
 
 
 def test_every_component_is_that_of_the_rust_evaluator(tables, reference):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     wi, wo, values, _, parts = reference["decay"]
     total = 0.0
     for name, expected in parts.items():
@@ -235,7 +228,7 @@ LOOKS = [
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral"])
 @pytest.mark.parametrize("look", LOOKS)
 def test_controls_do_what_they_do_in_rust(variant, look, tables):
-    use(variant)
+    llvm.use(variant)
     wi, wo = random_pairs(3000, seed=6)
     depth, brightness, coherence, body, tint = look
     if "spectral" in variant:
@@ -254,7 +247,7 @@ def test_controls_do_what_they_do_in_rust(variant, look, tables):
 
 
 def test_nothing_is_reflected_below_the_horizon(tables):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     bsdf = load(tables["decay"])
     up, down = np.array([[0.6, 0.0, 0.8]], np.float32), np.array([[0.6, 0.0, -0.8]], np.float32)
     for wi, wo in ((up, down), (down, up), (down, down)):
@@ -273,7 +266,7 @@ EDGES = [
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral", "scalar_rgb", "scalar_spectral"])
 @pytest.mark.parametrize("kind", ["decay", "space"])
 def test_directions_at_the_pole_and_the_horizon_are_finite(variant, kind, tables):
-    use(variant)
+    llvm.use(variant)
     bsdf = load(tables[kind])
     wi, wo = (np.array(pair, np.float32) for pair in zip(*[(a, b) for a in EDGES for b in EDGES]))
     value, pdf = plugin(bsdf, wi, wo)
@@ -343,7 +336,7 @@ def hue_spreads(table):
 
 
 def test_the_hue_of_incoherent_light_follows_the_view_and_that_of_coherent_light_the_half_vector(tables):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     spreads = hue_spreads(tables["decay"])
     for name, (light, view) in spreads.items():
         print(f"\nhue, {name}: ΔE00 {light:.3f} when the light moves, {view:.3f} when the view moves")
@@ -411,7 +404,7 @@ class LobeDomain:
 @pytest.mark.parametrize("shown", SHOWN)
 @pytest.mark.parametrize("kind", ["decay", "space"])
 def test_samples_follow_their_density(kind, shown, tables):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     from mitsuba.chi2 import ChiSquareTest
 
     bsdf = load(tables[kind], components=shown, depth=0.5)
@@ -449,7 +442,7 @@ def draws(bsdf, angle, count=200_000, seed=3, mode=None):
 
 @pytest.mark.parametrize("kind", ["decay", "space"])
 def test_weights_are_bounded_and_mean_the_albedo(kind, tables):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     # Depth 0: the emission is read at the view, so that with it this mean is no furnace's.
     bsdf = load(tables[kind], body_color=rgb(GREY), depth=0.0)
     furnace = json.loads(run("pearl", "furnace", tables[kind], "--body-rgb", "0.7,0.7,0.7", "--depth", 0, "--steps", 90, "--json"))
@@ -467,7 +460,7 @@ def test_weights_are_bounded_and_mean_the_albedo(kind, tables):
 @pytest.mark.parametrize("kind", ["decay", "space"])
 def test_sampling_wastes_next_to_nothing(kind, tables):
     """Efficiency (E w)²/E w²: the share of its samples that a perfect sampler would need for the same noise."""
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     looks = [{}, {"depth": 1.0, "coherence": 1.0}, *({"components": name, "depth": 0.5} for name in SHOWN[1:])]
     for look in looks:
         bsdf = load(tables[kind], **look)
@@ -484,7 +477,7 @@ def test_sampling_wastes_next_to_nothing(kind, tables):
 @pytest.mark.parametrize("kind", ["decay", "space"])
 def test_nothing_shines_in_a_white_furnace(variant, kind, tables):
     """A white body shows a white surrounding with all that the lobes leave, and never brighter than it is in any channel."""
-    use(variant)
+    llvm.use(variant)
     white = {"type": "uniform", "value": 1.0} if "spectral" in variant else rgb([1.0, 1.0, 1.0])
     for depth, coherence, brightness in ((0.0, 0.0, 1.0), (0.0, 0.6, 1.0), (0.5, 1.0, 0.7), (1.0, 1.0, 1.0), (1.0, 0.0, 0.3)):
         bsdf = load(tables[kind], depth=depth, coherence=coherence, brightness=brightness, body_color=white)
@@ -525,7 +518,7 @@ def sphere(table, **parameters):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_sphere_under_a_white_sky_never_shines(variant, tables):
-    use(variant)
+    llvm.use(variant)
     scene = mi.load_dict(sphere(tables["decay"], body_color=rgb([1.0, 1.0, 1.0]), depth=0.0))
     spp = 64 if variant.startswith("llvm") else 1
     image = np.array(mi.render(scene, spp=spp, seed=1))[:, :, :1]
@@ -540,7 +533,7 @@ def test_a_sphere_under_a_white_sky_never_shines(variant, tables):
 
 
 def test_xml_and_dictionary_make_the_same_plugin(tables):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     wi, wo = random_pairs(1000)
     made = load(tables["decay"], brightness=0.5, body_color=rgb([0.2, 0.4, 0.6]), components="diffuse, blur")
     read = mi.load_string(
@@ -556,7 +549,7 @@ def test_xml_and_dictionary_make_the_same_plugin(tables):
 
 @pytest.mark.parametrize("nesting", ["bumpmap", "normalmap", "twosided"])
 def test_it_nests_in_mitsubas_adapters(nesting, tables):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     grain = np.random.default_rng(2).uniform(0.4, 0.6, (32, 32, 3)).astype(np.float32)
     grain[:, :, 2] = 1.0
     texture = {"type": "bitmap", "bitmap": mi.Bitmap(grain), "raw": True}
@@ -572,7 +565,7 @@ def test_it_nests_in_mitsubas_adapters(nesting, tables):
 
 
 def test_body_colour_takes_a_texture(tables):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     texture = {"type": "checkerboard", "color0": rgb([0.9, 0.1, 0.1]), "color1": rgb([0.1, 0.1, 0.9])}
     bsdf = load(tables["decay"], body_color=texture)
     wi, wo = random_pairs(2)
@@ -585,7 +578,7 @@ def test_body_colour_takes_a_texture(tables):
 
 
 def test_it_survives_changes_of_variant(tables):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     wi, wo = random_pairs(200)
     early = load(tables["sparse"], body_color=rgb(GREY))
     before, _ = plugin(early, wi, wo)
@@ -606,7 +599,7 @@ def test_it_can_be_imported_before_and_after_a_variant_is_set(tables):
 
 
 def test_scalar_parameters_can_be_set(tables):
-    use("scalar_rgb")
+    llvm.use("scalar_rgb")
     wi, wo = random_pairs(20)
     bsdf = load(tables["sparse"], body_color=rgb(GREY))
     parameters = mi.traverse(bsdf)
@@ -661,7 +654,7 @@ def check_gradient(bsdf, name, value_of, at, step):
 
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral"])
 def test_derivatives_are_those_of_finite_differences(variant, tables):
-    use(variant)
+    llvm.use(variant)
     look = {"depth": 0.6, "brightness": 0.6, "coherence": 0.4}
     bsdf = load(tables["decay"], body_color=rgb([0.6, 0.5, 0.4]), tint=rgb([0.9, 0.6, 0.3]), **look)
     for name, value in look.items():
@@ -688,7 +681,7 @@ def test_derivatives_are_those_of_finite_differences(variant, tables):
 def test_derivatives_of_a_picture_are_those_of_finite_differences(light, controls, tables):
     """A sphere by `prb`, the same random numbers for derivative and differences. Under the lamp all light is found by sampling it; under
     the sky some of it by sampling the pearl, which another control samples otherwise: differences have noise there, of 3 % for depth."""
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     at = mi.ScalarTransform4f()
     pearl = {"type": "pearl", "filename": str(tables["decay"]), "depth": 0.5, "coherence": 0.5, "body_color": rgb([0.5, 0.4, 0.3])}
     scene = mi.load_dict({
@@ -733,7 +726,7 @@ def test_derivatives_of_a_picture_are_those_of_finite_differences(light, control
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral"])
 def test_derivatives_hold_at_the_ends_of_the_ranges(variant, tables):
     """Where a control is 0 or 1: one-sided differences of second order. Parameters stay single numbers there."""
-    use(variant)
+    llvm.use(variant)
     si, wo = gradient_pairs()
     for depth, brightness, coherence, tint in ((0.0, 1.0, 0.0, [1.0, 0.5, 0.0]), (1.0, 0.0, 0.4, [0.0, 1.0, 0.3]), (1.0, 0.5, 1.0, [0.2, 1.0, 0.3])):
         look = {"depth": depth, "brightness": brightness, "coherence": coherence}
@@ -836,7 +829,7 @@ def bad_inputs(folder, tables):
 
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_spectral"])
 def test_bad_input_is_refused_in_one_message(variant, folder, tables):
-    use(variant)
+    llvm.use(variant)
     for parameters, message in bad_inputs(folder, tables):
         with pytest.raises(Exception) as caught:
             mi.load_dict({"type": "pearl", **parameters})
@@ -846,7 +839,7 @@ def test_bad_input_is_refused_in_one_message(variant, folder, tables):
 
 
 def test_parameters_set_out_of_range_are_refused(tables):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     for name, value, message in (
         ("brightness", 1.2, "brightness: 1.2"),
         ("depth", 0.5, "emission"),
@@ -864,7 +857,7 @@ def test_parameters_set_out_of_range_are_refused(tables):
 
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_rgb"])
 def test_a_change_of_one_pearls_table_reaches_no_other(variant, tables):
-    use(variant)
+    llvm.use(variant)
     wi, wo = random_pairs(50)
     before, _ = plugin(load(tables["sparse"], body_color=rgb(GREY)), wi, wo)
     parameters = mi.traverse(load(tables["sparse"], body_color=rgb(GREY)))
@@ -898,7 +891,7 @@ LUT_CHANGES = {
 @pytest.mark.parametrize("change", LUT_CHANGES)
 @pytest.mark.parametrize("name", ["decay", "space"])
 def test_lobes_without_light_are_not_sampled(name, change, tables):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     bsdf = scaled_lut(load(tables[name], body_color=rgb(GREY)), LUT_CHANGES[change])
     count = 400_000
     sampler = np.random.default_rng(3).random((3, count)).astype(np.float32)
@@ -920,7 +913,7 @@ def test_lobes_without_light_are_not_sampled(name, change, tables):
 @pytest.mark.parametrize("name", ["decay", "space"])
 @pytest.mark.parametrize("components", ["mirror", "blur", "all"])
 def test_light_is_traced_through_the_same_surface_both_ways(name, components, tables):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     bsdf = load(tables[name], body_color=rgb(GREY), components=components)
     wi, wo = random_pairs(5000)
     forward, back = mi.BSDFContext(mi.TransportMode.Radiance), mi.BSDFContext(mi.TransportMode.Importance)
@@ -946,7 +939,7 @@ def lamp(integrator, table, components, position):
 @pytest.mark.parametrize("components, position", [("mirror", [-2, 0, 1.2]), ("all", [-3, 0, 0.5])])
 def test_light_tracing_and_path_tracing_make_one_picture(components, position, tables):
     """Sixteen renders each, compared by block: five standard errors of the difference, and 1 % of the mean."""
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     blocks = {}
     for kind in ("path", "ptracer", "volpath"):
         scene = lamp({"type": kind, "max_depth": 2, "hide_emitters": True}, tables["decay"], components, position)
@@ -961,7 +954,7 @@ def test_light_tracing_and_path_tracing_make_one_picture(components, position, t
 
 
 def test_bodies_are_reflectances_when_they_are_loaded_and_when_they_are_set(tables):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     bsdf = load(tables["sparse"], body_color={"type": "mesh_attribute", "name": "vertex_color"})
     wi, wo = random_pairs(3)
     assert np.isfinite(np.array(bsdf.pdf(mi.BSDFContext(), interaction(wi), mi.Vector3f(wo.T)))).all()
@@ -982,7 +975,7 @@ def test_bodies_are_reflectances_when_they_are_loaded_and_when_they_are_set(tabl
 
 
 def test_a_context_of_one_component_says_which_it_sampled(tables):
-    use("scalar_rgb")
+    llvm.use("scalar_rgb")
     for component in range(4):
         context = mi.BSDFContext()
         context.component = component
@@ -998,7 +991,7 @@ def test_a_context_of_one_component_says_which_it_sampled(tables):
 @pytest.mark.skipif(bool(LLVM_MISSING), reason=LLVM_MISSING or "")
 def test_a_render_can_be_frozen(tables):
     """The same pictures as without, from calls that replay, also after a control has changed."""
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     scene = lamp({"type": "path", "max_depth": 2}, tables["decay"], "all", [-2, 0, 1.2])
     parameters = mi.traverse(scene)
     key = next(key for key in parameters.keys() if key.endswith("brightness"))

@@ -23,14 +23,6 @@ STACK = {"layers": 40, "aragonite": {"thickness_nm": 450.0}, "conchiolin": {"thi
 GLASSY = {**STACK, "aragonite": {"thickness_nm": 450.0, "n": {"cauchy": [1.52, 0.008]}}}
 INCIDENT_DEG = [0, 15, 30, 45, 60, 70, 80, 88]
 NM = [420.0, 510.0, 570.0, 650.0]
-LLVM_MISSING = llvm.missing("LLVM variants of Mitsuba are")
-
-
-def use(variant):
-    if variant.startswith("llvm") and LLVM_MISSING:
-        print(f"\n{LLVM_MISSING}", file=sys.__stderr__)
-        pytest.skip(LLVM_MISSING)
-    mi.set_variant(variant)
 
 
 def grey(value):
@@ -155,7 +147,7 @@ def test_a_table_of_one_thickness_says_how_to_bake_more(thin):
     ],
 )  # fmt: skip
 def test_the_plugin_says_what_the_package_does(request, folder, variant, kind):
-    use(variant)
+    llvm.use(variant)
     path = folder / f"{kind}.exr"
     request.getfixturevalue(kind).save(path)
     wi, wo = (v[:: 1 if variant.startswith("llvm") else 50].astype(np.float32) for v in pairs())
@@ -178,7 +170,7 @@ def test_the_plugin_says_what_the_package_does(request, folder, variant, kind):
 
 
 def test_a_texture_of_thickness_is_read_where_it_is(thick, folder):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     path = folder / "texture.exr"
     thick.save(path)
     values = np.array([[0.75, 1.0], [1.1, 1.35]], np.float32)
@@ -197,7 +189,7 @@ def test_a_texture_of_thickness_is_read_where_it_is(thick, folder):
 
 
 def test_gradients_of_thickness_are_those_of_differences(thick, folder):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     path = folder / "gradient.exr"
     thick.save(path)
     bsdf = mi.load_dict({"type": "pearl", "filename": str(path), "thickness": 0.9})
@@ -216,7 +208,7 @@ def test_gradients_of_thickness_are_those_of_differences(thick, folder):
 
 
 def test_a_recipe_in_a_scene_bakes_for_its_thickness_and_for_one_that_moves(monkeypatch, tmp_path):
-    use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     monkeypatch.setenv("NACRE_CACHE_DIR", str(tmp_path))
     recipe = tmp_path / "recipe.json"
     recipe.write_text(json.dumps({"schema": "pearl-recipe/1", "stack": STACK}))

@@ -1,19 +1,9 @@
 //! `pearl` as its users meet it: what it takes for a component list, and what it says of bad input.
 
-use lut_io::exr_file;
+mod built;
+
+use built::{pearl, table};
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-
-fn table(folder: &Path) -> PathBuf {
-    let path = folder.join("table.exr");
-    exr_file::write(&specimen::plane(&[0.0, 30.0, 60.0, 90.0], 16), &path).unwrap();
-    path
-}
-
-fn pearl(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_pearl")).args(args).output().unwrap()
-}
 
 #[test]
 fn all_components_may_be_named_as_one() {

@@ -1,12 +1,14 @@
 //! `pearl studio` and `pearl page` as their users meet them; what the server refuses is tested in `crates/studio`.
 #![cfg(unix)]
 
-use lut_io::exr_file;
+mod built;
+
+use built::{pearl, table};
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 
 struct Studio {
     child: Child,
@@ -47,16 +49,6 @@ impl Drop for Studio {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
-}
-
-fn table(folder: &Path) -> std::path::PathBuf {
-    let path = folder.join("table.exr");
-    exr_file::write(&specimen::plane(&[0.0, 30.0, 60.0, 90.0], 16), &path).unwrap();
-    path
-}
-
-fn pearl(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_pearl")).args(args).output().unwrap()
 }
 
 #[test]

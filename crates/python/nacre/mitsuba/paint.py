@@ -72,6 +72,18 @@ class Thickness:
         return [dr.fma(self.fraction, b - a, a) for a, b in zip(read(self.before), read(self.before + 1))]
 
 
+def _shaded(channels, read, scale, light, places, body, wavelengths):
+    """`Light.coloured` of all channels, of what `read` finds in a store at a place."""
+    at_i, at_o, at_d = places
+    limit = read(channels.limit, at_i) if channels.limit else [1.0] * channels.count
+    records = (
+        read(channels.rest, at_i), read(channels.rest, at_o), limit, read(channels.factor, at_d),
+        read(channels.emission, at_i),
+    )  # fmt: skip
+    asked = range(channels.count) if wavelengths is None else [0] * len(wavelengths)
+    return [light.coloured(body[k], scale[c], *(record[c] for record in records)) for k, c in enumerate(asked)]
+
+
 class Channels:
     """One or three channels, each read by itself (rgb, mono; tables without colour)."""
 
@@ -89,17 +101,8 @@ class Channels:
 
     def shade(self, light, places, body, wavelengths, active, _thickness=None):
         """`Light.coloured` of all channels. places: of the viewer, of the light, and of θd."""
-        at_i, at_o, at_d = places
         read = lambda store, place: store.between(*place, active)  # noqa: E731
-        scale = self.base.read(self.types.UInt32(0), active)
-        limit = read(self.limit, at_i) if self.limit else [1.0] * self.count
-        records = (
-            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.emission, at_i)
-        )  # fmt: skip
-        asked = range(self.count) if wavelengths is None else [0] * len(wavelengths)
-        return [
-            light.coloured(body[k], scale[c], *(record[c] for record in records)) for k, c in enumerate(asked)
-        ]
+        return _shaded(self, read, self.base.read(self.types.UInt32(0), active), light, places, body, wavelengths)
 
 
 class Scaled:
@@ -123,16 +126,8 @@ class Scaled:
             index, fraction = place
             return thickness.between(lambda scale: store.between(scale * curves.NODES + index, fraction, active))
 
-        at_i, at_o, at_d = places
         scale = thickness.between(lambda scale: self.base.read(scale, active))
-        limit = read(self.limit, at_i) if self.limit else [1.0] * self.count
-        records = (
-            read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), read(self.emission, at_i)
-        )  # fmt: skip
-        asked = range(self.count) if wavelengths is None else [0] * len(wavelengths)
-        return [
-            light.coloured(body[k], scale[c], *(record[c] for record in records)) for k, c in enumerate(asked)
-        ]
+        return _shaded(self, read, scale, light, places, body, wavelengths)
 
 
 class Bands:
