@@ -9,6 +9,7 @@ from built import BIN, ROOT
 
 
 mi = pytest.importorskip("mitsuba")
+import llvm  # noqa: E402
 import nacre.mitsuba  # noqa: E402, F401
 import test_plugin  # noqa: E402
 
@@ -82,7 +83,7 @@ def rough(tmp_path_factory):
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral"])
 def test_colours_and_every_component_of_rough_facets_are_those_of_the_evaluator(variant, rough):
     """What the lobes leave to the base takes their colours over all their light, read at the larger angle."""
-    test_plugin.use(variant)
+    llvm.use(variant)
     wi, wo = test_plugin.random_pairs(4000, seed=8)
     args = ["--body-rgb", "1,1,1", "--coherence", 1, "--depth", 0]
     parameters = {"body_color": test_plugin.rgb([1.0] * 3), "coherence": 1.0, "depth": 0.0}
@@ -113,7 +114,7 @@ def test_a_white_furnace_stays_white(table, look):
 
 def test_the_plugin_s_white_furnace_stays_white(table):
     """What samples of the plugin bring back from a white surrounding, by stratified numbers."""
-    test_plugin.use("llvm_ad_rgb")
+    llvm.use("llvm_ad_rgb")
     white = {"type": "rgb", "value": [1.0] * 3}
     bsdf = mi.load_dict({"type": "pearl", "filename": str(table), "body_color": white, "depth": 0.0, "coherence": 1.0})
     random, side, batches = np.random.default_rng(4), 600, 16
