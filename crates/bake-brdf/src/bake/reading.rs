@@ -245,15 +245,16 @@ pub(super) fn between_rows<'s>(
     looks.into_par_iter().map(look).collect()
 }
 
-/// How far into an interval that ends at the horizon a second look is taken: components that vanish there fall faster than what is read.
-const BESIDE_HORIZON: f64 = 0.99;
+/// How far into an interval that ends at the horizon further looks are taken: components that vanish there fall faster than what is
+/// read, and most of their own light is missed where they become faint.
+const BESIDE_HORIZON: [f64; 3] = [0.8, 0.95, 0.99];
 
-/// Incidences, and behind them the middles between them; last of all, one beside the horizon where they reach it.
+/// Incidences, and behind them the middles between them; last of all, some beside the horizon where they reach it.
 pub(super) fn with_middles(theta_i: &[f64]) -> Vec<f64> {
     let within = |pair: &[f64], t: f64| (1.0 - t) * pair[0] + t * pair[1];
     let middles = theta_i.windows(2).map(|pair| within(pair, 0.5));
     let last = theta_i.windows(2).last().filter(|pair| pair[1] > FRAC_PI_2 - 1e-9);
-    let beside = last.map(|pair| within(pair, BESIDE_HORIZON));
+    let beside = last.into_iter().flat_map(|pair| BESIDE_HORIZON.map(|t| within(pair, t)));
     theta_i.iter().copied().chain(middles).chain(beside).collect()
 }
 
@@ -309,7 +310,36 @@ const AROUND: [f64; AZIMUTHS] = {
 
 #[cfg(test)]
 mod tests {
+    use super::super::request::Request;
     use super::*;
+    use crate::options::Options;
+    use crate::recipe::Recipe;
+    use transport::doubling;
+
+    #[test]
+    fn looks_beside_the_horizon_find_nearly_all_that_a_vanishing_component_misses() {
+        let recipe = r#"{"stack":{"layers":12},"facets":{"slope_sd_deg":5,"normals":"visible"}}"#;
+        let recipe = Recipe::from_json(recipe).unwrap();
+        let request =
+            Request::new(recipe, Options { incident_deg: Some(vec![0.0]), ..Options::default() }).unwrap();
+        let (transport, axis) = (request.transport().unwrap(), request.exit_axis());
+        for from_deg in [83.3_f64, 89.02] {
+            let rows = [from_deg.to_radians(), FRAC_PI_2];
+            let steps = (1..40).map(|k| rows[0] + (rows[1] - rows[0]) * f64::from(k) / 40.0);
+            let worst = |theta_i: &[f64]| {
+                let solution =
+                    doubling::solve_to(&transport, request.geometry(), theta_i, 1e-4, false).unwrap();
+                let samples: Vec<Sample> = (0..theta_i.len())
+                    .map(|i| Sample::new(&axis, request.recipe.azimuth, &solution, i))
+                    .collect();
+                let looks = between_rows(&axis, &samples[..2], &samples[2..]);
+                looks.iter().map(|look| look.missed.components[Component::Rehit as usize]).fold(0.0, f64::max)
+            };
+            let (looked, there) =
+                (worst(&with_middles(&rows)), worst(&rows.into_iter().chain(steps).collect::<Vec<_>>()));
+            assert!(looked > 0.8 * there, "{from_deg}\u{b0}: {looked} of {there}");
+        }
+    }
 
     #[test]
     fn solver_and_tables_judge_components_alike() {
