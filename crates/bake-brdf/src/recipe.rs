@@ -28,12 +28,19 @@ pub const MAX_BYTES: u64 = 16 << 20;
 pub const MAX_SLOPE_SD_DEG: f64 = 45.0;
 
 /// The recipes that have a name: it may stand wherever a recipe's file may.
-pub const BUILT_IN: [(&str, &str); 6] = [
+pub const BUILT_IN: [(&str, &str); 13] = [
+    ("abalone", include_str!("../recipes/abalone.json")),
     ("akoya", include_str!("../recipes/akoya.json")),
+    ("akoya-g", include_str!("../recipes/akoya-g.json")),
+    ("akoya-r", include_str!("../recipes/akoya-r.json")),
+    ("akoya-rg", include_str!("../recipes/akoya-rg.json")),
     ("cosmetic-flake", include_str!("../recipes/cosmetic-flake.json")),
+    ("freshwater", include_str!("../recipes/freshwater.json")),
     ("golden", include_str!("../recipes/golden.json")),
     ("mother-of-pearl", include_str!("../recipes/mother-of-pearl.json")),
     ("paper", include_str!("../recipes/paper.json")),
+    ("south-sea", include_str!("../recipes/south-sea.json")),
+    ("tahitian", include_str!("../recipes/tahitian.json")),
     ("varnish", include_str!("../recipes/varnish.json")),
 ];
 
@@ -136,10 +143,10 @@ pub enum Count {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Medium {
-    /// Real index.
+    /// Real index, 0.05 to 20, or a dispersion.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub n: Option<Dispersion>,
-    /// Extinction coefficient.
+    /// Extinction coefficient; 0 or more, unless the stack has `gain`.
     #[serde(default)]
     pub k: f64,
 }
@@ -148,10 +155,10 @@ pub struct Medium {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Layer {
-    /// Real index.
+    /// Real index, 0.05 to 20, or a dispersion.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub n: Option<Dispersion>,
-    /// Extinction coefficient.
+    /// Extinction coefficient; 0 or more, unless the stack has `gain`.
     #[serde(default)]
     pub k: f64,
     /// Mean thickness, nm.
@@ -190,6 +197,7 @@ pub struct Azimuth {
     /// `decay`: the paper's postulate on the plane walk; `space`: transport in space.
     pub mode: AzimuthMode,
     /// Width w of the decay, degrees; null: the standard deviation of the plane lobe at each θi.
+    #[schemars(range(min = 1e-6, max = 1e4))]
     pub width_deg: Option<f64>,
 }
 
@@ -242,6 +250,7 @@ pub struct Look {
     #[schemars(range(min = 0, max = 1))]
     pub grain: f64,
     /// Body colour ρ, linear sRGB.
+    #[schemars(inner(range(min = 0, max = 1)))]
     pub body_rgb: [f64; 3],
     /// Scales of all thicknesses that the colours of the table are to serve, so that thickness is a control (effect `thickness`); none by
     /// default.
@@ -808,6 +817,18 @@ mod tests {
             assert_eq!(built_in(name), Some(text));
         }
         assert_eq!(built_in("paper.json"), None);
+    }
+
+    #[test]
+    fn sources_name_fields_of_their_recipe() {
+        for (name, text) in BUILT_IN {
+            let recipe = Recipe::from_json(text).unwrap();
+            let whole = recipe.to_json();
+            for field in recipe.sources.keys() {
+                let pointer = format!("/{}", field.replace('.', "/"));
+                assert!(whole.pointer(&pointer).is_some(), "{name}: {field}");
+            }
+        }
     }
 
     #[test]

@@ -12,43 +12,56 @@ use transport::walk::lanes::Precision;
 /// Flags that say what is baked, and how well.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct OptionsArgs {
-    /// Who solves: the Monte Carlo walk, the deterministic doubling, or whichever is cheaper [default: the recipe's choice].
-    #[arg(long, value_parser = one_of(&[
+    /// Who solves: walk, doubling or auto [default: the recipe's choice].
+    ///
+    /// The Monte Carlo walk, the deterministic doubling, or whichever is cheaper.
+    #[arg(long, hide_possible_values = true, value_parser = one_of(&[
         ("walk", SolverChoice::Walk), ("doubling", SolverChoice::Doubling), ("auto", SolverChoice::Auto),
     ]))]
     solver: Option<SolverChoice>,
-    /// Total variation of the lobe as it is read at any pair of angles, per cent of the reflected light [default: 1].
+    /// Total variation of the lobe, per cent of the reflected light [default: 1].
+    ///
+    /// It is that of the lobe as it is read at any pair of angles.
     #[arg(long, value_name = "PERCENT", group = "target", allow_negative_numbers = true)]
     accuracy: Option<f64>,
     /// Paths per incidence.
     #[arg(long, value_name = "N", group = "target", allow_negative_numbers = true)]
     paths: Option<u64>,
     /// Wall-clock time to spend.
-    #[arg(long, value_name = "SECONDS", group = "target", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        hide_short_help = true,
+        value_name = "SECONDS",
+        group = "target",
+        allow_negative_numbers = true
+    )]
     time_budget: Option<f64>,
     /// Seed: the same seed gives the same file.
     #[arg(long, value_name = "S", default_value_t = 1, allow_negative_numbers = true)]
     seed: u64,
-    /// Azimuth mode, in place of the recipe's.
-    #[arg(long, value_parser = one_of(&[("decay", AzimuthMode::Decay), ("space", AzimuthMode::Space)]))]
+    /// Azimuth mode, decay or space, in place of the recipe's.
+    #[arg(long, hide_short_help = true, hide_possible_values = true, value_parser = one_of(&[("decay", AzimuthMode::Decay), ("space", AzimuthMode::Space)]))]
     azimuth: Option<AzimuthMode>,
-    /// Effects to bake, separated by commas, in place of those that the look calls for: surface, blur, azimuth
-    /// (azimuth:decay, azimuth:space), polarisation, absorption, dispersion, coherent, coherent_sheets, emission,
-    /// irregularity, body, texture; or all that the recipe has matter for.
+    /// Effects to bake, in place of those that the look calls for (--help lists them).
+    ///
+    /// Names separated by commas: surface, blur, azimuth (azimuth:decay, azimuth:space), polarisation, absorption,
+    /// dispersion, coherent, coherent_sheets, emission, irregularity, body, texture, thickness; or all that the recipe has
+    /// matter for.
     #[arg(long, value_name = "LIST")]
     effects: Option<String>,
-    /// Angles of incidence in degrees: numbers and FROM:TO:STEP, separated by commas [default: where lobes change, as few as
-    /// the accuracy takes].
+    /// Angles of incidence: numbers and FROM:TO:STEP [default: as few as it takes].
+    ///
+    /// Degrees, separated by commas. By default they stand where lobes change, as few as the accuracy takes.
     #[arg(long, value_name = "LIST")]
     incident_deg: Option<String>,
     /// Exit cells of an incidence: COLUMNS, or COLUMNSxROWS (azimuths) in space [default: as few as the accuracy takes].
-    #[arg(long, value_name = "CELLS", value_parser = cells)]
+    #[arg(long, hide_short_help = true, value_name = "CELLS", value_parser = cells)]
     cells: Option<[usize; 2]>,
     /// Events after which a path is given up and booked as truncated.
-    #[arg(long, value_name = "N", default_value_t = DEFAULT_EVENT_CAP)]
+    #[arg(long, hide_short_help = true, value_name = "N", default_value_t = DEFAULT_EVENT_CAP)]
     event_cap: u32,
     /// Arithmetic of the walk's geometry; auto takes 32 bits where that is harmless.
-    #[arg(long, default_value = "auto", value_parser = one_of(&[
+    #[arg(long, hide_short_help = true, default_value = "auto", value_parser = one_of(&[
         ("auto", Precision::Auto), ("f32", Precision::F32), ("f64", Precision::F64),
     ]))]
     precision: Precision,

@@ -19,39 +19,43 @@ use terminal::{Manners, Outcome, Stop};
 
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct BakeArgs {
-    /// Recipe: a file (JSON, - for stdin) or the name of a built-in one, such as akoya [default: the paper's pearl].
+    /// Recipe: a JSON file, - for stdin, or a built-in name such as akoya [default: paper].
     recipe: Option<PathBuf>,
-    /// Table to write [default: pearl.exr; with --shard: pearl-I-of-N.shard].
+    /// Table to write [default: pearl.exr].
+    ///
+    /// With --shard the default is pearl-I-of-N.shard.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     #[command(flatten)]
     options: OptionsArgs,
     /// Keep a checkpoint beside the output (OUTPUT.checkpoint) from the start; without this flag, only when the bake is
     /// expected to take more than a minute. It is removed when the table is written.
-    #[arg(long, conflicts_with = "shard")]
+    #[arg(long, hide_short_help = true, conflicts_with = "shard")]
     checkpoint: bool,
     /// Least time between two checkpoints: what a SIGKILL can cost.
-    #[arg(long, value_name = "SECONDS", default_value_t = Checkpoints::EVERY_SECONDS, conflicts_with = "shard")]
+    #[arg(long, hide_short_help = true, value_name = "SECONDS", default_value_t = Checkpoints::EVERY_SECONDS, conflicts_with = "shard")]
     checkpoint_every: f64,
-    /// Go on from the checkpoint beside the output; start afresh where there is none.
-    #[arg(long, conflicts_with = "shard")]
+    /// Go on from the checkpoint beside the output, if there is one.
+    #[arg(long, hide_short_help = true, conflicts_with = "shard")]
     resume: bool,
     /// Walk one share of the paths and write its state; `lut merge` makes the table of all shares.
-    #[arg(long, value_name = "I/N", requires = "paths")]
+    #[arg(long, hide_short_help = true, value_name = "I/N", requires = "paths")]
     shard: Option<String>,
     /// Also store what passes and what becomes of light from below, so that the body under the nacre can be changed without
     /// baking again; solved by doubling.
-    #[arg(long, conflicts_with_all = ["paths", "time_budget", "shard", "resume"])]
+    #[arg(long, hide_short_help = true, conflicts_with_all = ["paths", "time_budget", "shard", "resume"])]
     both_sides: bool,
     /// Make the table reciprocal: f(a → b) = f(b → a) at any pair of directions, every albedo kept. Decay tables get one azimuth
     /// width for all incidences.
-    #[arg(long, conflicts_with_all = ["shard", "both_sides"])]
+    #[arg(long, hide_short_help = true, conflicts_with_all = ["shard", "both_sides"])]
     reciprocal: bool,
     /// Say what the bake would cost and write nothing.
     #[arg(long)]
     dry_run: bool,
-    /// Bake a table again from its own metadata and compare every bit; exit 3 if one differs. Writes nothing.
-    #[arg(long, value_name = "FILE", conflicts_with_all = [
+    /// Bake a table again from its metadata and compare every bit.
+    ///
+    /// Exit 3 if one differs. Writes nothing.
+    #[arg(long, hide_short_help = true, value_name = "FILE", conflicts_with_all = [
         "recipe", "output", "solver", "target", "seed", "azimuth", "effects", "incident_deg", "cells", "event_cap", "precision",
         "checkpoint", "checkpoint_every", "resume", "shard", "dry_run", "both_sides", "reciprocal",
     ])]
@@ -311,8 +315,24 @@ fn summary(table: &Table, incidences_given: bool, output: &Path, seconds: f64) -
             "that is more than was asked for: lobes this narrow cost too much to place incidences by; give --incident-deg more angles\n"
         });
     }
-    let _ = writeln!(text, "written: {}", output.display());
+    let file = output.display();
+    let _ = writeln!(text, "written: {file}");
+    text.push_str(&next(&file.to_string()));
     text
+}
+
+/// What to look at now, as commands.
+fn next(file: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "/._-".contains(c);
+    let file =
+        if file.chars().all(plain) { file.to_owned() } else { format!("'{}'", file.replace('\'', r"'\''")) };
+    [
+        ("where its light goes", format!("lut info {file}")),
+        ("pictures of a sphere", format!("pearl preview {file} -o pictures")),
+        ("in the browser", format!("pearl studio {file}")),
+    ]
+    .map(|(what, command)| format!("  {what:<22}{command}\n"))
+    .concat()
 }
 
 /// To two significant digits, rounded up: it is a bound.

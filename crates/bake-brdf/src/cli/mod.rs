@@ -16,14 +16,22 @@ use terminal::{Manners, Outcome};
 #[derive(Debug, Parser)]
 #[command(name = "bake-brdf", version, args_conflicts_with_subcommands = true)]
 #[command(after_help = "Examples:
+  bake-brdf                         the paper's pearl into pearl.exr, about 15 seconds
+  bake-brdf akoya -o akoya.exr      a built-in recipe, or a file
+  bake-brdf --accuracy 0.3          0.3 % total variation at the worst incidence
+  bake-brdf --dry-run               what would that cost?
+  bake-brdf plan akoya              what is simulated, why, and at what cost
+
+--help has more options and examples.")]
+#[command(after_long_help = "Examples:
   bake-brdf                                  the paper's pearl into pearl.exr, about 15 seconds
-  bake-brdf akoya.json -o akoya.exr          a recipe
+  bake-brdf akoya -o akoya.exr               a built-in recipe, or a file
   bake-brdf --accuracy 0.3 -o fine.exr       0.3 % total variation at the worst incidence
   bake-brdf --paths 1000000 --seed 7 --json  a million paths per incidence, report as JSON
   bake-brdf --incident-deg 0:90:10,45        a few incidences
   bake-brdf --dry-run --accuracy 0.1         what would that cost?
   bake-brdf --reproduce pearl.exr            bake it again from its metadata: the same bits?
-  bake-brdf plan akoya.json                  which effects it calls for, why, and what they cost
+  bake-brdf plan akoya                       what is simulated, why, and at what cost
   bake-brdf study -o study                   what accuracy costs in time, with a figure
   bake-brdf schema                           the JSON Schema of a recipe")]
 pub(crate) struct Cli {
