@@ -65,3 +65,28 @@ fn bad_input_is_refused_in_one_line_and_harms_nothing() {
     }
     assert!(fs::read(&path).unwrap() == whole);
 }
+
+#[test]
+fn one_picture_alone_is_that_of_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = table(folder.path());
+    let drawn = |name: &str, more: &[&str]| {
+        let pictures = folder.path().join(name);
+        let args = ["preview", path.to_str().unwrap(), "--size", "24", "-o", pictures.to_str().unwrap()];
+        (pearl(&[&args, more].concat()), pictures)
+    };
+    let (all, whole) = drawn("all", &[]);
+    assert_eq!(all.status.code(), Some(0));
+    assert_eq!(fs::read_dir(&whole).unwrap().count(), 16);
+    for name in ["sphere-distant-sum", "swatch-sky-lobes"] {
+        let (said, one) = drawn(name, &["--only", name]);
+        assert_eq!(said.status.code(), Some(0));
+        let files: Vec<_> = fs::read_dir(&one).unwrap().map(|file| file.unwrap().file_name()).collect();
+        let file = format!("{name}.png");
+        assert_eq!(files, [file.as_str()]);
+        assert!(fs::read(one.join(&file)).unwrap() == fs::read(whole.join(&file)).unwrap(), "{name}");
+    }
+    let (said, _) = drawn("none", &["--only", "cube-sky-sum"]);
+    assert_eq!(said.status.code(), Some(2));
+    assert!(String::from_utf8(said.stderr).unwrap().contains("sphere-sky-sum"));
+}

@@ -118,7 +118,7 @@ fn preview_difference(table: &Table, compact: &Table, path: &Path) -> Result<Opt
     };
     let (whole, small) = (bsdf(table)?, bsdf(compact)?);
     let mut differences = Vec::new();
-    for shape in [Shape::Sphere, Shape::Swatch] {
+    for shape in Shape::ALL {
         for [a, b] in render([&whole, &small], shape, &Lighting::ALL, PREVIEW) {
             differences.extend(tone::delta_e(&a.view(SUM), &b.view(SUM), &a.pearl));
         }

@@ -1,6 +1,7 @@
 //! Arguments of `pearl`.
 
 use clap::{Args, Parser, Subcommand};
+use nacre_cli::preview::{Lighting, Shape, VIEWS};
 use pearl_bsdf::{BsdfError, Components, Controls, PearlBsdf};
 use std::path::PathBuf;
 use terminal::Stop;
@@ -10,6 +11,7 @@ use terminal::Stop;
 #[command(name = "pearl", version)]
 #[command(after_help = "Examples:
   pearl preview pearl.exr -o pictures         sphere and swatch, one picture a component, and the sum
+  pearl preview pearl.exr -o . --only sphere-sky-sum
   pearl eval pearl.exr --input dirs.jsonl     {\"wi\":[0,0,1],\"wo\":[0.1,0,0.995]} a line, - for stdin
   pearl sample pearl.exr --wi 0.5,0,0.866 -n 1000 --seed 7
   pearl furnace pearl.exr --json              a white surrounding as it is seen; exit 3 if it exceeds 1 + 1e-4
@@ -94,12 +96,46 @@ pub(crate) struct PreviewArgs {
     /// Width and height of each picture in pixels.
     #[arg(long, default_value_t = 480, value_parser = clap::value_parser!(u32).range(16..=4096))]
     pub(crate) size: u32,
+    /// Draw one picture alone, by its name, as sphere-sky-sum: `sphere` or `swatch`; `distant` or `sky`; `diffuse`, `incoherent`, `lobes`
+    /// or `sum`.
+    #[arg(long, value_name = "NAME", value_parser = PictureName::parse)]
+    pub(crate) only: Option<PictureName>,
     /// Samples a pixel under the sky.
-    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub(crate) samples: u32,
     /// Seed of the noise.
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,
+}
+
+/// Which of the pictures.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PictureName {
+    pub(crate) shape: Shape,
+    pub(crate) lighting: Lighting,
+    /// Number in [`VIEWS`].
+    pub(crate) view: usize,
+}
+
+impl PictureName {
+    /// All there are, in the order in which they are written.
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        let lights = Shape::ALL.into_iter().flat_map(|shape| Lighting::ALL.map(|lighting| (shape, lighting)));
+        lights.flat_map(|(shape, lighting)| (0..VIEWS.len()).map(move |view| Self { shape, lighting, view }))
+    }
+
+    fn parse(text: &str) -> Result<Self, String> {
+        Self::all().find(|name| name.to_string() == text).ok_or_else(|| {
+            let names: Vec<String> = Self::all().map(|name| name.to_string()).collect();
+            format!("not a picture; they are {}", names.join(", "))
+        })
+    }
+}
+
+impl std::fmt::Display for PictureName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}-{}-{}", self.shape.name(), self.lighting.name(), VIEWS[self.view])
+    }
 }
 
 #[derive(Args, Debug)]

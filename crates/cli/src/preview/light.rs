@@ -1,10 +1,12 @@
 //! The distant light, the studio sky, and what the pearl and the ground send of them to the viewer.
 
 use super::Pixel;
+use super::numbers::Choice;
 use super::scene::{Hit, Ray, Shape, sphere_distance};
 use super::vector::{Frame, Vector, add, dot, mix, normalize, scale, smooth};
 use pearl_bsdf::{Evaluation, PearlBsdf};
-use std::f64::consts::PI;
+use rayon::prelude::*;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Which light falls on the shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,45 +36,6 @@ const DISTANT_IRRADIANCE: f64 = 2.2;
 /// Share of it that the surroundings send back from everywhere, so that the dark side is not black.
 const DISTANT_FILL: f64 = 0.02;
 
-/// Additive-recurrence sequence in ten dimensions (Roberts 2018, "R_d"), shifted by a hash of the pixel
-/// (Cranley & Patterson 1976): a function of seed, pixel and sample number only.
-pub(super) struct Sequence {
-    shift: u64,
-    number: f64,
-}
-
-impl Sequence {
-    pub(super) fn new(seed: u64, pixel: u32, number: u32) -> Self {
-        Self { shift: mix64(seed ^ mix64(u64::from(pixel))), number: f64::from(number) }
-    }
-
-    /// The number of one dimension, in [0, 1).
-    pub(super) fn at(&self, dimension: usize) -> f64 {
-        let shift = mix64(self.shift ^ (dimension as u64 + 1)) as f64 / 18_446_744_073_709_551_616.0;
-        (shift + self.number * STEPS[dimension]).fract().min(1.0 - f64::EPSILON)
-    }
-}
-
-/// Powers of 1/φ₁₀, which solves x¹¹ = x + 1.
-const STEPS: [f64; 10] = {
-    const PHI: f64 = 1.063_031_012_893_138_4;
-    let mut steps = [1.0 / PHI; 10];
-    let mut k = 1;
-    while k < steps.len() {
-        steps[k] = steps[k - 1] / PHI;
-        k += 1;
-    }
-    steps
-};
-
-/// Finaliser of splitmix64 (Steele et al. 2014).
-fn mix64(x: u64) -> u64 {
-    let mut z = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
-
 /// A rectangular light at infinity with soft edges.
 struct Window {
     frame: Frame,
@@ -90,21 +53,30 @@ impl Window {
         Self { frame: Frame { x, y, z }, half, radiance }
     }
 
-    /// Coordinates from −1 to 1 inside the window.
-    fn coordinates(&self, direction: Vector) -> Option<[f64; 2]> {
-        let local = self.frame.to_local(direction);
-        if local[2] <= 1e-3 {
+    /// Radiance from a direction, and the density per steradian of [`Self::sample`] there.
+    #[inline]
+    fn at(&self, direction: Vector) -> Option<(Vector, f64)> {
+        let cos = dot(direction, self.frame.z);
+        if cos <= 1e-3 {
             return None;
         }
-        let at = [local[0] / local[2] / self.half[0], local[1] / local[2] / self.half[1]];
-        (at[0].abs() < 1.0 && at[1].abs() < 1.0).then_some(at)
-    }
-
-    fn radiance(&self, direction: Vector) -> Vector {
-        let Some([x, y]) = self.coordinates(direction) else { return [0.0; 3] };
+        let x = dot(direction, self.frame.x) / (cos * self.half[0]);
+        let y = dot(direction, self.frame.y) / (cos * self.half[1]);
+        if x.abs() >= 1.0 || y.abs() >= 1.0 {
+            return None;
+        }
         let edge = |x: f64| 1.0 - smooth(0.72, 1.0, x.abs());
         // A little brighter in the middle, as a lamp behind a diffuser is.
-        scale(self.radiance, edge(x) * edge(y) * (1.0 - 0.25 * (x * x + y * y)))
+        let brightness = edge(x) * edge(y) * (1.0 - 0.25 * (x * x + y * y));
+        Some((scale(self.radiance, brightness), 1.0 / (self.area() * cos * cos * cos)))
+    }
+
+    /// The direction to where it is nearest to another direction, short of its soft edges.
+    fn nearest(&self, to: Vector) -> Vector {
+        const INSIDE: f64 = 0.6;
+        let [x, y, z] = self.frame.to_local(to);
+        let along = |x: f64, half: f64| (x / z.max(1e-3)).clamp(-INSIDE * half, INSIDE * half);
+        normalize(self.frame.to_world([along(x, self.half[0]), along(y, self.half[1]), 1.0]))
     }
 
     fn sample(&self, u: f64, v: f64) -> Vector {
@@ -112,19 +84,18 @@ impl Window {
         normalize(self.frame.to_world([x, y, 1.0]))
     }
 
-    /// Density per steradian of [`Self::sample`].
-    fn pdf(&self, direction: Vector) -> f64 {
-        if self.coordinates(direction).is_none() {
-            return 0.0;
-        }
-        let cos = dot(direction, self.frame.z);
-        1.0 / (4.0 * self.half[0] * self.half[1] * cos * cos * cos)
+    /// On the plane at distance 1: about its solid angle.
+    const fn area(&self) -> f64 {
+        4.0 * self.half[0] * self.half[1]
     }
 }
 
+/// How many windows there are.
+const WINDOWS: usize = 3;
+
 /// The lights.
 pub(super) struct Studio {
-    windows: [Window; 3],
+    windows: [Window; WINDOWS],
     distant: Vector,
 }
 
@@ -147,43 +118,53 @@ impl Studio {
         }
     }
 
-    /// Radiance of the sky; below the horizon that of the ground far away.
-    fn sky(&self, direction: Vector) -> Vector {
+    /// Radiance of the sky, below the horizon that of the ground far away; and the density per steradian of directions to the windows
+    /// that are chosen with some chances.
+    fn sky(&self, chances: &[f64; WINDOWS], direction: Vector) -> (Vector, f64) {
         let up = direction[2];
         let gradient = if up >= 0.0 {
             mix([0.2, 0.205, 0.215], [0.4, 0.41, 0.43], smooth(0.0, 1.0, up))
         } else {
             mix([0.2, 0.205, 0.215], [0.04, 0.041, 0.044], smooth(0.0, 0.35, -up))
         };
-        self.windows.iter().fold(gradient, |sum, window| add(sum, window.radiance(direction)))
-    }
-
-    /// Radiance that arrives at a point of the pearl.
-    fn incoming(&self, hit: &Hit, direction: Vector) -> Vector {
-        if hit.shape == Shape::Swatch && direction[2] < 0.12 {
-            // Another fold: about as bright as a fold under this sky.
-            return [0.16; 3];
+        let (mut radiance, mut density) = (gradient, 0.0);
+        for (window, chance) in self.windows.iter().zip(chances) {
+            if let Some((light, pdf)) = window.at(direction) {
+                (radiance, density) = (add(radiance, light), density + chance * pdf);
+            }
         }
-        self.sky(direction)
+        (radiance, density)
     }
 
-    /// Irradiance of the ground z = −1 with the unit sphere on it.
-    fn irradiance_on_ground(&self, lighting: Lighting, point: Vector, random: &Sequence) -> Vector {
-        let open = |direction: Vector| f64::from(u8::from(sphere_distance((point, direction)).is_none()));
+    /// Radiance that arrives at a point of the pearl, and the density as of [`Self::sky`].
+    fn incoming(&self, hit: &Hit, chances: &[f64; WINDOWS], direction: Vector) -> (Vector, f64) {
+        let (radiance, density) = self.sky(chances, direction);
+        // Another fold: about as bright as a fold under this sky.
+        let hidden = hit.shape == Shape::Swatch && direction[2] < 0.12;
+        (if hidden { [0.16; 3] } else { radiance }, density)
+    }
+
+    /// Irradiance of the ground z = −1 with the unit sphere on it, by a point of every window.
+    fn irradiance_on_ground(&self, lighting: Lighting, point: Vector, [u, v, _]: [f64; 3]) -> Vector {
+        let open = |direction: Vector| sphere_distance((point, direction)).is_none();
         // Cosine-weighted share of the sky that a sphere of radius 1 at height 1 hides: cos θ/D².
         let distance2 = point[0] * point[0] + point[1] * point[1] + 1.0;
-        let ambient = 1.0 - distance2.powf(-1.5);
+        let ambient = 1.0 - 1.0 / (distance2 * distance2.sqrt());
         match lighting {
             Lighting::Distant => {
-                let sun = DISTANT_IRRADIANCE * self.distant[2] * open(self.distant);
+                let sun = if open(self.distant) { DISTANT_IRRADIANCE * self.distant[2] } else { 0.0 };
                 [sun + PI * DISTANT_FILL * ambient; 3]
             }
             Lighting::Sky => {
                 let sky = scale([0.33, 0.335, 0.35], PI * ambient);
                 self.windows.iter().fold(sky, |sum, window| {
-                    let direction = window.sample(random.at(2), random.at(3));
-                    let received = open(direction) * direction[2].max(0.0) / window.pdf(direction).max(1e-9);
-                    add(sum, scale(window.radiance(direction), received))
+                    let direction = window.sample(u, v);
+                    match window.at(direction) {
+                        Some((radiance, pdf)) if direction[2] > 0.0 && open(direction) => {
+                            add(sum, scale(radiance, direction[2] / pdf))
+                        }
+                        _ => sum,
+                    }
                 })
             }
         }
@@ -195,80 +176,134 @@ const GROUND: Vector = [0.115, 0.118, 0.124];
 /// Radiance of the backdrop behind it.
 const BACKDROP: Vector = [0.052, 0.054, 0.058];
 
-/// Radiance of the ground that a ray meets, or of the backdrop; the sphere stands on it and shades it.
+/// Radiance of the ground that a ray meets, or of the backdrop, the mean over samples; the sphere stands on it and shades it.
 pub(super) fn ground(
     studio: &Studio,
     lighting: Lighting,
     (_, direction): Ray,
     point: Option<Vector>,
-    random: &Sequence,
+    samples: u32,
+    numbers: impl Fn(u32) -> [f64; 3],
 ) -> Vector {
     let rise = smooth(-0.22, 0.25, direction[2]);
     let backdrop = scale(BACKDROP, 1.0 - 0.55 * rise);
     let Some(p) = point else { return backdrop };
     let away = (p[0] * p[0] + p[1] * p[1]).sqrt();
-    let lit = studio.irradiance_on_ground(lighting, p, random);
+    let share = 1.0 / f64::from(samples);
+    let lit = (0..samples).fold([0.0; 3], |sum, sample| {
+        add(sum, scale(studio.irradiance_on_ground(lighting, p, numbers(sample)), share))
+    });
     let diffuse: Vector = std::array::from_fn(|c| GROUND[c] / PI * lit[c]);
     mix(diffuse, backdrop, smooth(1.5, 9.0, away))
 }
 
-/// What the pearl sends to the viewer at each of many points: diffuse, incoherent interference, lobes, and their sum; along
-/// directions that the first BSDF samples.
-pub(super) fn reflected<const N: usize>(
-    bsdfs: [&PearlBsdf; N],
-    studio: &Studio,
-    lighting: Lighting,
-    points: &[(&Hit, Sequence)],
-) -> [Vec<Pixel>; N] {
-    let frames: Vec<Frame> = points.iter().map(|(hit, _)| Frame::new(hit.normal)).collect();
-    let views: Vec<Vector> =
-        points.iter().zip(&frames).map(|((hit, _), frame)| frame.to_local(hit.view)).collect();
-    let mut pixels = [(); N].map(|()| vec![Pixel::default(); points.len()]);
-    // Towards the lights.
-    let mut pairs = Pairs::default();
-    match lighting {
-        Lighting::Distant => {
-            for (k, (hit, _)) in points.iter().enumerate() {
-                if !hit.shades(studio.distant) {
-                    pairs.push(k, views[k], frames[k].to_local(studio.distant), [DISTANT_IRRADIANCE; 3]);
-                }
-            }
-        }
-        Lighting::Sky => {
-            // Balance heuristic (Veach & Guibas 1995) with one sample of one window.
-            let towards = points.iter().map(|(_, random)| {
-                let u = 3.0 * random.at(7);
-                studio.windows[(u as usize).min(2)].sample(u.fract(), random.at(8))
-            });
-            let towards: Vec<Vector> = towards.collect();
-            let lights: Vec<Vector> =
-                towards.iter().zip(&frames).map(|(towards, frame)| frame.to_local(*towards)).collect();
-            let mut densities = vec![0.0; points.len()];
-            bsdfs[0].pdf_many(&views, &lights, &mut densities);
-            for (k, (hit, _)) in points.iter().enumerate() {
-                let pdf = densities[k] + window_pdf(studio, towards[k]);
-                pairs.push(k, views[k], lights[k], studio.incoming(hit, towards[k]).map(|l| l / pdf));
-            }
+/// A point of the pearl, and the pixel that shows it.
+pub(super) struct Lit<'a> {
+    pub(super) hit: &'a Hit,
+    pub(super) pixel: u32,
+}
+
+/// What a viewer sees of a white surrounding over the viewing angle, in equal steps of it.
+pub(super) struct White(Vec<Pixel>);
+
+impl White {
+    const STEPS: usize = 128;
+
+    pub(super) fn of(bsdf: &PearlBsdf) -> Self {
+        let at = |step: usize| {
+            let theta = (FRAC_PI_2 * step as f64 / Self::STEPS as f64).min(FRAC_PI_2 - 1e-6);
+            let [diffuse, incoherent, mirror, blur] = bsdf.directional_albedo_seen(theta);
+            let mut pixel = Pixel::default();
+            add_light(&mut pixel, &Evaluation { diffuse, incoherent, mirror, blur }, [1.0; 3]);
+            pixel
+        };
+        Self((0..=Self::STEPS).into_par_iter().map(at).collect())
+    }
+
+    fn add(&self, pixel: &mut Pixel, cos: f64, weight: f64) {
+        let steps = cos.clamp(0.0, 1.0).acos() / FRAC_PI_2 * Self::STEPS as f64;
+        let step = (steps as usize).min(Self::STEPS - 1);
+        let t = steps - step as f64;
+        let seen = self.0[step].iter().zip(&self.0[step + 1]);
+        for (sum, (a, b)) in pixel.iter_mut().zip(seen) {
+            *sum = add(*sum, scale(mix(*a, *b, t), weight));
         }
     }
+}
+
+/// What the pearls send to the viewer at points under the distant light: diffuse, incoherent interference, lobes, and their sum.
+pub(super) fn under_distant_light<const N: usize>(
+    bsdfs: [(&PearlBsdf, &White); N],
+    studio: &Studio,
+    points: &[Lit<'_>],
+) -> [Vec<Pixel>; N] {
+    let mut pairs = Pairs::default();
+    let mut cosines = Vec::with_capacity(points.len());
+    for (k, Lit { hit, .. }) in points.iter().enumerate() {
+        let frame = Frame::new(hit.normal);
+        let view = frame.to_local(hit.view);
+        cosines.push(view[2]);
+        if !hit.shades(studio.distant) {
+            pairs.push(k, view, frame.to_local(studio.distant), [DISTANT_IRRADIANCE; 3]);
+        }
+    }
+    bsdfs.map(|(bsdf, white)| {
+        let mut pixels = vec![Pixel::default(); points.len()];
+        pairs.collect(bsdf, &mut pixels);
+        for (pixel, cos) in pixels.iter_mut().zip(&cosines) {
+            white.add(pixel, *cos, DISTANT_FILL);
+        }
+        pixels
+    })
+}
+
+/// The same under the sky, the mean of `samples` of every point, along directions that the first pearl samples. `numbers` has three
+/// random numbers of a sample of a point.
+pub(super) fn under_sky<const N: usize>(
+    bsdfs: [&PearlBsdf; N],
+    studio: &Studio,
+    points: &[Lit<'_>],
+    samples: u32,
+    numbers: impl Fn(usize, Choice, u32) -> [f64; 3],
+) -> [Vec<Pixel>; N] {
+    let frames: Vec<Frame> = points.iter().map(|point| Frame::new(point.hit.normal)).collect();
+    let views: Vec<Vector> =
+        points.iter().zip(&frames).map(|(point, frame)| frame.to_local(point.hit.view)).collect();
+    let all = points.len() * samples as usize;
+    let share = 1.0 / f64::from(samples);
+    let chances = window_chances(bsdfs[0], studio, points, &frames, &views);
+    // Towards the windows; balance heuristic (Veach & Guibas 1995).
+    let mut pairs = Pairs::with_capacity(all);
+    let mut pdfs = Vec::with_capacity(all);
+    for (k, point) in points.iter().enumerate() {
+        for sample in 0..samples {
+            let direction = sample_windows(studio, &chances[k], numbers(k, Choice::Light, sample));
+            let (light, pdf) = studio.incoming(point.hit, &chances[k], direction);
+            pairs.push(k, views[k], frames[k].to_local(direction), scale(light, share));
+            pdfs.push(pdf);
+        }
+    }
+    let mut densities = vec![0.0; all];
+    bsdfs[0].pdf_many(&pairs.view, &pairs.light, &mut densities);
+    for ((weight, pdf), density) in pairs.weight.iter_mut().zip(&pdfs).zip(densities) {
+        *weight = scale(*weight, 1.0 / (pdf + density));
+    }
+    let mut pixels = [(); N].map(|()| vec![Pixel::default(); points.len()]);
     for (bsdf, pixels) in bsdfs.iter().zip(&mut pixels) {
         pairs.collect(bsdf, pixels);
     }
     // Where the lobes point.
-    let numbers: Vec<[f64; 3]> = points.iter().map(|(_, random)| [4, 5, 6].map(|d| random.at(d))).collect();
-    let mut samples = vec![None; points.len()];
-    bsdfs[0].sample_seen_many(&views, &numbers, &mut samples);
-    let mut pairs = Pairs::default();
-    for (k, sample) in samples.iter().enumerate() {
+    let of_points = |k: usize| (0..samples).map(move |sample| (k, sample));
+    let drawn: Vec<[f64; 3]> =
+        (0..points.len()).flat_map(of_points).map(|(k, sample)| numbers(k, Choice::Lobes, sample)).collect();
+    let mut found = vec![None; all];
+    bsdfs[0].sample_seen_many(&pairs.view, &drawn, &mut found);
+    let mut pairs = Pairs::with_capacity(if N > 1 { all } else { 0 });
+    for ((k, _), sample) in (0..points.len()).flat_map(of_points).zip(&found) {
         let Some(sample) = sample else { continue };
-        let weight = match lighting {
-            Lighting::Distant => [DISTANT_FILL / sample.pdf; 3],
-            Lighting::Sky => {
-                let direction = frames[k].to_world(sample.wo);
-                let pdf = sample.pdf + window_pdf(studio, direction);
-                studio.incoming(points[k].0, direction).map(|l| l / pdf)
-            }
-        };
+        let direction = frames[k].to_world(sample.wo);
+        let (light, pdf) = studio.incoming(points[k].hit, &chances[k], direction);
+        let weight = scale(light, share / (sample.pdf + pdf));
         add_light(&mut pixels[0][k], &sample.value, weight);
         if N > 1 {
             pairs.push(k, views[k], sample.wo, weight);
@@ -278,6 +313,60 @@ pub(super) fn reflected<const N: usize>(
         pairs.collect(bsdf, pixels);
     }
     pixels
+}
+
+/// With what chances a point sends a ray to each window: mostly by what light from where it is nearest to the normal, and to the mirror
+/// direction, would send to the viewer, at the first point of the pixel.
+fn window_chances(
+    bsdf: &PearlBsdf,
+    studio: &Studio,
+    points: &[Lit<'_>],
+    frames: &[Frame],
+    views: &[Vector],
+) -> Vec<[f64; WINDOWS]> {
+    /// Shared out evenly, for windows of which these places say little.
+    const EVENLY: f64 = 0.3;
+    const PLACES: usize = 2;
+    let firsts: Vec<usize> =
+        (0..points.len()).filter(|k| *k == 0 || points[k - 1].pixel != points[*k].pixel).collect();
+    let seen: Vec<Vector> = firsts.iter().flat_map(|k| [views[*k]; PLACES * WINDOWS]).collect();
+    let towards = |k: &usize| {
+        let (frame, [x, y, z]) = (&frames[*k], views[*k]);
+        let mirror = frame.to_world([-x, -y, z]);
+        studio.windows.each_ref().map(|window| [frame.z, mirror].map(|to| frame.to_local(window.nearest(to))))
+    };
+    let lights: Vec<Vector> = firsts.iter().flat_map(towards).flatten().collect();
+    let mut values = vec![Evaluation::default(); lights.len()];
+    bsdf.eval_seen_many(&seen, &lights, &mut values);
+    let mut of_pixels = values.chunks(PLACES * WINDOWS).map(|values| {
+        let sent: [f64; WINDOWS] = std::array::from_fn(|k| {
+            let (window, places) = (&studio.windows[k], &values[PLACES * k..][..PLACES]);
+            let sent = places.iter().map(|value| dot(window.radiance, value.rgb())).sum::<f64>();
+            window.area() * sent
+        });
+        let all = sent.iter().sum::<f64>();
+        let even = 1.0 / WINDOWS as f64;
+        sent.map(|sent| if all > 0.0 { EVENLY * even + (1.0 - EVENLY) * sent / all } else { even })
+    });
+    let mut chances = [0.0; WINDOWS];
+    let mut firsts = firsts.into_iter().peekable();
+    let of_point = |k: usize| {
+        if firsts.next_if_eq(&k).is_some() {
+            chances = of_pixels.next().unwrap_or(chances);
+        }
+        chances
+    };
+    (0..points.len()).map(of_point).collect()
+}
+
+/// A direction to one of the windows.
+fn sample_windows(studio: &Studio, chances: &[f64; WINDOWS], [u, v, w]: [f64; 3]) -> Vector {
+    let (mut window, mut left) = (0, u * chances.iter().sum::<f64>());
+    while window + 1 < WINDOWS && left >= chances[window] {
+        left -= chances[window];
+        window += 1;
+    }
+    studio.windows[window].sample(v, w)
 }
 
 /// Pairs of directions at some of the points, and what the value there counts.
@@ -290,6 +379,15 @@ struct Pairs {
 }
 
 impl Pairs {
+    fn with_capacity(count: usize) -> Self {
+        Self {
+            point: Vec::with_capacity(count),
+            view: Vec::with_capacity(count),
+            light: Vec::with_capacity(count),
+            weight: Vec::with_capacity(count),
+        }
+    }
+
     fn push(&mut self, point: usize, view: Vector, light: Vector, weight: Vector) {
         self.point.push(point);
         self.view.push(view);
@@ -306,13 +404,15 @@ impl Pairs {
     }
 }
 
-fn window_pdf(studio: &Studio, direction: Vector) -> f64 {
-    studio.windows.iter().map(|window| window.pdf(direction)).sum::<f64>() / studio.windows.len() as f64
-}
-
+#[inline]
 fn add_light(pixel: &mut Pixel, value: &Evaluation, weight: Vector) {
-    let lobes = add(value.mirror, value.blur);
-    for (sum, part) in pixel.iter_mut().zip([value.diffuse, value.incoherent, lobes, value.rgb()]) {
-        *sum = add(*sum, std::array::from_fn(|c| part[c] * weight[c]));
+    let [diffuse, incoherent, lobes, sum] = pixel;
+    for c in 0..3 {
+        let base = [value.diffuse[c] * weight[c], value.incoherent[c] * weight[c]];
+        let of_lobes = (value.mirror[c] + value.blur[c]) * weight[c];
+        diffuse[c] += base[0];
+        incoherent[c] += base[1];
+        lobes[c] += of_lobes;
+        sum[c] += base[0] + base[1] + of_lobes;
     }
 }

@@ -3,7 +3,7 @@
 use lut_io::compact::DeltaE;
 use thinfilm::colour;
 
-/// Brightest sample that enters a mean: a rare direction must not leave a white dot.
+/// Brightest ray that enters a pixel: a rare direction must not leave a white dot.
 pub(super) fn without_fireflies(radiance: [f64; 3]) -> [f64; 3] {
     const MOST: f64 = 20.0;
     let peak = radiance.iter().copied().fold(0.0, f64::max);

@@ -20,6 +20,8 @@ impl Picture {
         let mut encoder = png::Encoder::new(&mut file, self.size, self.size);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
+        // Noise does not shrink for more work.
+        encoder.set_compression(png::Compression::Fast);
         encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
         let mut writer = encoder.write_header().map_err(|error| failure(&error))?;
         writer.write_image_data(&bytes).map_err(|error| failure(&error))?;
