@@ -17,11 +17,11 @@ const SCOUTS: usize = 40;
 /// Rounds of placing rows, and of choosing cells.
 const ROUNDS: usize = 5;
 /// Rows and cells aim at these shares of what they may miss; fewer cells than this share of those there are are not looked for.
-const ROWS_AIM: f64 = 0.95;
+const ROWS_AIM: f64 = 0.9;
 const CELLS_AIM: f64 = 0.9;
 /// Rows are done once what they miss is within these shares of what they may miss: the solver takes what is left.
 const FEW: f64 = 0.7;
-const NEAR: f64 = 1.1;
+const NEAR: f64 = 1.0;
 const ENOUGH: f64 = 0.9;
 /// Fewest and most rows.
 const ROWS: std::ops::RangeInclusive<usize> = 3..=2001;
