@@ -17,6 +17,10 @@ const SCOUTS_BACK: u64 = 400;
 /// Incidences of the pilot of a forecast, and tasks of it for each thread: a last one that runs alone matters little.
 const FORECAST_INCIDENCES: usize = 8;
 const TASKS_A_THREAD: usize = 8;
+/// Crossings of that pilot at most: of stacks so deep that its paths would take minutes there are fewer, at [`DEEP_INCIDENCES`], since
+/// each of them waits for its longest path.
+const FORECAST_CROSSINGS: f64 = 3e8;
+const DEEP_INCIDENCES: usize = 2;
 /// Paths per incidence that say how deep a stack is.
 const PROBE_PATHS: u64 = 64;
 /// A bake is sized so that its error bound is this share of the accuracy; the rest is left for the pilot's own error, so that a
@@ -104,9 +108,16 @@ impl Sampling {
         targets.iter().zip(self.lobe_tallies()).all(|(&target, tally)| target <= tally.paths)
     }
 
-    /// What walking these lobes to `target` takes in all, from a pilot that this walks; a time is that of these lobes.
-    fn forecast(&mut self, target: Target, observer: &Observer<'_>) -> Result<Forecast, BakeError> {
+    /// What walking these lobes to `target` takes in all, from a pilot that this walks, of `affordable` paths in all at most; a time is
+    /// that of these lobes.
+    fn forecast(
+        &mut self,
+        target: Target,
+        affordable: u64,
+        observer: &Observer<'_>,
+    ) -> Result<Forecast, BakeError> {
         let pilot = if let Target::Paths(paths) = target { paths.min(PILOT) } else { PILOT };
+        let pilot = pilot.min((affordable / self.lobes() as u64).max(PROBE_PATHS));
         self.walk_pilot(pilot, observer)?;
         let targets: Vec<u64> = match target {
             Target::AccuracyPercent(percent) => {
@@ -119,7 +130,9 @@ impl Sampling {
         let seconds = if let Target::Time(budget) = target {
             budget.as_secs_f64()
         } else {
-            let price = self.price(pilot, targets.iter().copied().max().unwrap_or(pilot));
+            let each_thread = affordable / rayon::current_num_threads() as u64;
+            let longest = targets.iter().copied().max().unwrap_or(pilot).min(each_thread);
+            let price = self.price(pilot, longest.clamp(pilot, BLOCK));
             let tasks: u64 = targets.iter().map(|&paths| 1 + (paths - pilot).div_ceil(BLOCK)).sum();
             let work = price.crossing * crossings.iter().sum::<f64>() + price.task * tasks as f64;
             work / rayon::current_num_threads() as f64
@@ -131,11 +144,11 @@ impl Sampling {
         })
     }
 
-    /// What a walk costs, from tasks as long as a pilot's and as long as those of the longest target: a task ends with lanes
-    /// that empty, which short paths feel most.
-    fn price(&self, pilot: u64, longest: u64) -> Price {
+    /// What a walk costs, from tasks as long as a pilot's and longer ones: a task ends with lanes that empty, which short paths feel
+    /// most.
+    fn price(&self, pilot: u64, longer: u64) -> Price {
         let short = self.spent(pilot);
-        let long = self.spent(longest.clamp(pilot, BLOCK));
+        let long = if longer > pilot { self.spent(longer) } else { short };
         let rate = |(seconds, crossings): (f64, f64)| seconds / crossings.max(1.0);
         let tasks = rayon::current_num_threads() as f64;
         let crossing = (long.0 - short.0) / (long.1 - short.1);
@@ -290,14 +303,18 @@ pub(super) fn forecast(
     bands: &Bands,
     observer: &Observer<'_>,
 ) -> Result<Forecast, BakeError> {
+    let affordable = FORECAST_CROSSINGS / crossings_a_path(request, bands, DEEP_INCIDENCES)?;
     let busy = (TASKS_A_THREAD * rayon::current_num_threads()).div_ceil(bands.all_nm().count());
     let mut sampling = at_some(request, bands, busy.max(FORECAST_INCIDENCES))?;
+    if affordable < (PILOT * sampling.lobes() as u64) as f64 {
+        sampling = at_some(request, bands, DEEP_INCIDENCES)?;
+    }
     let share = sampling.among() as f64 / sampling.incidences() as f64;
     let target = match request.options.target {
         Target::Time(budget) => Target::Time(budget.div_f64(share)),
         target => target,
     };
-    let few = sampling.forecast(target, observer)?;
+    let few = sampling.forecast(target, affordable as u64, observer)?;
     Ok(Forecast {
         seconds: share * few.seconds,
         paths: (share * few.paths as f64).round() as u64,
@@ -340,12 +357,17 @@ pub(super) fn least_effort(request: &Request, probed: Option<usize>) -> Result<E
     let Some(scouts) = probed else {
         return Ok(Effort { crossings: paths, paths });
     };
-    let mut sampling = at_some(request, &Bands::own(&request.recipe), scouts)?;
+    let each = crossings_a_path(request, &Bands::own(&request.recipe), scouts)?;
+    Ok(Effort { crossings: (0.5 * each).max(1.0) * paths, paths })
+}
+
+/// Crossings a path has, from a few dozen at up to `count` incidences; at least 1.
+fn crossings_a_path(request: &Request, bands: &Bands, count: usize) -> Result<f64, BakeError> {
+    let mut sampling = at_some(request, bands, count)?;
     let lobes = sampling.lobes();
     let tasks: Vec<Task> = (0..lobes).map(|lobe| Task { lobe, from: 0, to: PROBE_PATHS }).collect();
     sampling.walk_apart(&tasks)?;
-    let each = sampling.crossings() as f64 / (PROBE_PATHS * lobes as u64) as f64;
-    Ok(Effort { crossings: (0.5 * each).max(1.0) * paths, paths })
+    Ok((sampling.crossings() as f64 / (PROBE_PATHS * lobes as u64) as f64).max(1.0))
 }
 
 /// The walk of a request at `count` of its incidences at most.
@@ -390,5 +412,35 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// Its pilot of every incidence would be 10¹⁰ crossings.
+    #[test]
+    fn a_forecast_of_a_deep_stack_walks_few_paths_and_still_knows_them() {
+        let text = r#"{"stack": {"layers": 100000}, "facets": {"slope_sd_deg": 0.05}}"#;
+        let options = Options {
+            incident_deg: Some((0..90).map(f64::from).collect()),
+            cells: Some([96, 1]),
+            target: Target::Paths(1_000_000),
+            event_cap: 1_000_000,
+            ..Options::default()
+        };
+        let request = Request::new(Recipe::from_json(text).unwrap(), options).unwrap();
+        let bands = Bands::own(&request.recipe);
+        let counted = std::sync::atomic::AtomicU64::new(0);
+        let observer = Observer {
+            progress: &|progress| {
+                let paths = progress.tallies.iter().map(|tally| tally.paths).sum();
+                counted.fetch_max(paths, std::sync::atomic::Ordering::Relaxed);
+            },
+            ..Observer::idle()
+        };
+        let found = forecast(&request, &bands, &observer).unwrap();
+        let walked = counted.into_inner();
+        assert!((2 * PROBE_PATHS..PILOT).contains(&walked), "{walked} paths");
+        // A path has about two thirds of a crossing a layer, until it is given up.
+        let each = found.crossings[0] / found.paths as f64;
+        assert!((3e3..3e5).contains(&each), "{each}");
+        assert_eq!(found.paths, 90_000_000);
     }
 }
