@@ -242,6 +242,47 @@ def test_the_page_keeps_its_state_and_says_nothing(open_page):
     copy.context.close()
 
 
+def test_bright_light_is_shown_without_a_change_of_hue_and_other_light_as_it_is(open_page):
+    page = open_page()
+    light = np.array([[0.3, 0.2, 0.1, 1.0], [0.6, 0.0, 0.3, 1.0], [2.0, 1.0, 0.5, 1.0], [8.0, 4.0, 2.0, 2.0]])
+    shown = page.evaluate(
+        """async (light) => {
+          const { Program, Target, texture } = await import("nacre/gl.js");
+          const { SHOW } = await import("nacre/glsl/trace.js");
+          const { gl } = nacre.page;
+          const film = texture(gl, 4, light.length, 1, Float32Array.from(light.flat()));
+          const target = new Target(gl, light.length, 1);
+          target.bind();
+          new Program(gl, SHOW).draw({ uView: [0, 0, light.length, 1], uExposure: 1, uBackground: [0, 0, 0] }, { uFilm: film });
+          return [...await target.read()];
+        }""",
+        light.tolist(),
+    )
+    srgb = np.array(shown).reshape(-1, 4)[:, :3]
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    light = light[:, :3] / light[:, 3:]
+    assert np.abs(linear[:2] - light[:2]).max() < 1e-5
+    assert np.abs(linear / linear.max(axis=1, keepdims=True) - light / light.max(axis=1, keepdims=True)).max() < 1e-4
+    assert 0.6 < linear[2].max() < linear[3].max() < 1.0
+    page.context.close()
+
+
+def test_a_sheet_wastes_little_of_the_stage(open_page):
+    page = open_page(viewport={"width": 1024, "height": 768})
+    for count in (1, 2, 3, 4, 5, 7):
+        tiles = np.array(page.evaluate("(count) => nacre.page.tiles(count)", count))
+        width, height = page.evaluate("[nacre.page.canvas.width, nacre.page.canvas.height]")
+        assert (tiles[:, :2] >= 0).all() and (tiles[:, 0] + tiles[:, 2] <= width).all() and (tiles[:, 1] + tiles[:, 3] <= height).all()
+        assert tiles[:, 2:].prod(axis=1).sum() > 0.7 * width * height, count
+        # None lies on another.
+        for k, (x, y, w, h) in enumerate(tiles):
+            apart = (tiles[:, 0] >= x + w) | (tiles[:, 0] + tiles[:, 2] <= x) | (tiles[:, 1] >= y + h) | (tiles[:, 1] + tiles[:, 3] <= y)
+            assert np.delete(apart, k).all(), count
+    # A table of one thickness says so.
+    assert page.get_by_text("fixed in this table").is_visible()
+    page.context.close()
+
+
 def test_a_lost_context_comes_back(open_page):
     page = open_page(canvas=True, viewport={"width": 400, "height": 300})
     before = chromium.render(page, "sphere-point", 12, 4)
@@ -368,8 +409,43 @@ def test_the_studio_bakes_what_its_page_asks_for(browser):
         page.evaluate("nacre.page.travel(-1)")
         page.evaluate("nacre.page.pearls.baking")
         assert page.evaluate("nacre.state().a.recipe.stack.aragonite.thickness_nm") != 400
+        before = page.evaluate("nacre.state()")
         said = page.evaluate("(async () => { try { await nacre.setRecipe({ stack: { layers: -1 } }); } catch (error) { return error.message; } })()")
-        assert "layers" in said
+        assert "layers" in said and page.evaluate("nacre.state()") == before
+        assert "layers" in page.get_by_role("alert").filter(visible=True).inner_text()
+        # A material of the library, with its source; and back to a number.
+        material = page.get_by_label("Material of substrate")
+        material.select_option("n-bk7")
+        page.evaluate("nacre.page.pearls.baking")
+        assert page.evaluate("nacre.state().a.recipe.stack.substrate.n") == {"material": "n-bk7"}
+        assert page.get_by_text("SCHOTT optical glass").is_visible()
+        material.select_option("")
+        assert page.evaluate("nacre.state().a.recipe.stack.substrate.n") == pytest.approx(1.5185, abs=1e-3)
+        # Thickness as a control, and the errors of the lobe.
+        page.get_by_role("button", name="Make it a control").click()
+        page.evaluate("nacre.page.pearls.baking")
+        low, high = page.evaluate("nacre.page.pearls.of.a.table.scales")
+        assert (low, high) == pytest.approx((0.7, 1.4))
+        page.evaluate("nacre.set({ thickness: 1.2 })")
+        assert page.get_by_label("Thickness, ×, 0.7 to 1.4").input_value() == "1.200"
+        incidences, exits = page.evaluate("nacre.page.pearls.of.a.table.arrays.error_lobe.shape")
+        assert incidences == page.evaluate("nacre.page.pearls.of.a.table.incidences") and exits == 37
+        error = page.evaluate("""(async () => {
+          const { factsOf } = await import("nacre/plots.js");
+          return (await factsOf(nacre.page.pearls.of.a, 30)).lobe.error(30);
+        })()""")
+        assert 0 < error < 0.02
+        # All that is exported, and the recipe with the thicknesses that are shown.
+        page.get_by_role("button", name="Save").click()
+        formats = page.evaluate("nacre.page.formats")
+        assert {"arrays", "bsdf-rgb", "merl"} <= {known["name"] for known in formats}
+        for known in formats:
+            assert page.locator(f"[title='lut export --to {known['name']}']").is_visible(), known
+        with page.expect_download() as download:
+            page.get_by_role("menuitem", name="Recipe").click()
+        saved = json.loads(pathlib.Path(download.value.path()).read_text())
+        nm = page.evaluate("nacre.state().a.recipe.stack.aragonite.thickness_nm")
+        assert saved["stack"]["aragonite"]["thickness_nm"] == pytest.approx(1.2 * nm)
         # What a browser says of a refused request is its own.
         assert [message for message in page.messages if "400" not in message] == []
         page.context.close()

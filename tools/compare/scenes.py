@@ -114,9 +114,26 @@ def generators(count, seed):
     return mi.PCG32(count, initstate=mi.UInt64(states))
 
 
-def samples(scene, sampler, size, spp, seed):
+class Even:
+    """Numbers that fill each pixel's square, and its lights and lobes, more evenly than random ones (Roberts, The unreasonable
+    effectiveness of quasirandom sequences): what `samples` takes for a generator where a picture is to converge. Another seed
+    shifts them."""
+
+    def __init__(self, size, spp, seed):
+        index = dr.arange(mi.UInt32, size * size * spp)
+        self.number, self.pixel = index % spp, index // spp
+        # Powers of the root of x⁶ = x + 1, as many as `samples` draws.
+        self.steps = [int(2**32 / 1.1347241384015194**k) for k in range(1, 6)]
+        self.shifts = [mi.UInt32(row) for row in np.random.default_rng(seed).integers(2**32, size=(5, size * size), dtype=np.uint32)]
+
+    def next_float32(self):
+        x = dr.gather(mi.UInt32, self.shifts.pop(0), self.pixel) + self.number * mi.UInt32(self.steps.pop(0))
+        return mi.Float(x >> 8) * 2**-24
+
+
+def samples(scene, sampler, size, spp, seed, even=False):
     """Light paths of a scene; `sampler(wi, u1, u2)` gives exit directions and their densities."""
-    rng = generators(size * size * spp, seed)
+    rng = Even(size, spp, seed) if even else generators(size * size * spp, seed)
     pixel, origin, d = _camera(size, spp, rng)
     hit, point, normal = (_sphere if scene.shape == "sphere" else _sheet)(origin, d)
     frame = mi.Frame3f(dr.select(hit, mi.Vector3f(normal), mi.Vector3f(0, 0, 1)))

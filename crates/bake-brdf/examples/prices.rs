@@ -18,6 +18,7 @@ use bake_brdf::spectra::{self, Want, Wanted};
 use bake_brdf::study;
 use lut_io::Table;
 use lut_io::exr_file;
+use std::sync::atomic::AtomicBool;
 use timing::{PATIENCE, PEARL, Result, Stack, cpu_seconds, incidences, request, timed};
 use transport::doubling::{OPERATIONS, prices};
 
@@ -168,9 +169,10 @@ fn colours() -> Result<()> {
     let wanted = Wanted { irregularity: true, absorption: true, ..Wanted::default() };
     let reflectance = Wanted { coherent: Want::Required, ..wanted };
     let field = Wanted { emission: Want::Required, ..wanted };
+    let never = AtomicBool::new(false);
     let sample = |recipe: Recipe, wanted: Wanted| -> Result<(Vec<f64>, f64)> {
-        let [coherent, emission] = spectra::counts(&recipe, wanted, 1.0);
-        let (colours, seconds) = timed(cpu_seconds, || spectra::of(&recipe, wanted, 1.0));
+        let [coherent, emission] = spectra::counts(&never, &recipe, wanted, 1.0);
+        let (colours, seconds) = timed(cpu_seconds, || spectra::of(&never, &recipe, wanted, 1.0));
         colours?;
         Ok((vec![coherent[0] + emission[0], coherent[1] + emission[1]], seconds))
     };

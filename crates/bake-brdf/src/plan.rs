@@ -2,7 +2,7 @@
 //!
 //! Pearls of one recipe that show the same effects share a table.
 
-use crate::bake::{self, BakeError, Bands, Observer, Request};
+use crate::bake::{self, BakeError, Bands, NEVER, Observer, Request};
 use crate::effects::{Decision, Decisions, Effect, EffectError, EffectSet, Setting, View};
 use crate::options::{Options, SolverChoice};
 use crate::prices;
@@ -308,7 +308,8 @@ fn interference_costs(request: &Request, costs: &mut [Cost; Effect::ALL.len()]) 
     let threads = rayon::current_num_threads() as f64;
     let seconds = |set: EffectSet| {
         let wanted = Wanted::by_effects(set, false);
-        spectra::forecast(&request.recipe, wanted, request.colour_accuracy()).map(|seconds| seconds / threads)
+        let accuracy = request.colour_accuracy();
+        spectra::forecast(&NEVER, &request.recipe, wanted, accuracy).map(|seconds| seconds / threads)
     };
     let fixed = set.without(Effect::Thickness);
     let whole = seconds(fixed);

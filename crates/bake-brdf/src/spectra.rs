@@ -18,6 +18,7 @@ use crate::recipe::{Recipe, RecipeError, ThicknessRange};
 use crate::three_digits;
 use lut_io::spectra::{Coherent, ColourError, Emission, Missing, Spectra, Thickness, ThicknessError};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
 use thinfilm::colour::Xyz;
 use thinfilm::emission::SourceProfile;
 use thinfilm::modulation::{self, Banded, Sampling, Scaled};
@@ -72,7 +73,7 @@ pub enum SpectraError {
     Recipe(#[from] RecipeError),
     /// The stack, or a wave in it.
     #[error("interference colours: {0}")]
-    Stack(#[from] StackError),
+    Stack(StackError),
     /// An effect that was listed by name.
     #[error("effects: {effect} cannot be had: {source}")]
     Required {
@@ -81,6 +82,18 @@ pub enum SpectraError {
         /// Why it cannot be had.
         source: Box<SpectraError>,
     },
+    /// They are not wanted any more.
+    #[error("stopped")]
+    Stopped,
+}
+
+impl From<StackError> for SpectraError {
+    fn from(error: StackError) -> Self {
+        match error {
+            StackError::Stopped => Self::Stopped,
+            other => Self::Stack(other),
+        }
+    }
 }
 
 /// How much an interference colour is wanted.
@@ -168,11 +181,18 @@ impl Colours {
     }
 }
 
-/// The colours of a recipe that are wanted, to a colour difference ΔE00 as far as the work allows: what is reached is stored.
+/// The colours of a recipe that are wanted, to a colour difference ΔE00 as far as the work allows: what is reached is stored. Stops soon
+/// after `stop` is set, from anywhere.
 ///
 /// # Errors
-/// A recipe that the transport problem refuses; a [`Want::Required`] colour of a stack whose waves cannot be followed.
-pub fn of(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<Colours, SpectraError> {
+/// A recipe that the transport problem refuses; a [`Want::Required`] colour of a stack whose waves cannot be followed;
+/// [`SpectraError::Stopped`].
+pub fn of(
+    stop: &AtomicBool,
+    recipe: &Recipe,
+    wanted: Wanted,
+    delta_e00: f64,
+) -> Result<Colours, SpectraError> {
     let beyond = beyond(recipe, wanted);
     let mut colours = Colours {
         spectra: Spectra { wavelength_nm: band_centres_nm(beyond), ..Spectra::default() },
@@ -196,14 +216,15 @@ pub fn of(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<Colours, Sp
                 colours.missing.push((effect, why.to_string()));
                 Ok(None)
             }
+            Err(SpectraError::Stopped) => Err(SpectraError::Stopped),
             Err(why) => Err(SpectraError::Required { effect, source: Box::new(why) }),
         }
     };
     let coherent = attempt(Effect::Coherent, wanted.coherent, &|| {
-        coherent(recipe, wanted, delta_e00).map(|(part, rows)| Part::Coherent(part, rows))
+        coherent(stop, recipe, wanted, delta_e00).map(|(part, rows)| Part::Coherent(part, rows))
     })?;
     let emission = attempt(Effect::Emission, wanted.emission, &|| {
-        emission(recipe, wanted, delta_e00).map(|(part, rows)| Part::Emission(part, rows))
+        emission(stop, recipe, wanted, delta_e00).map(|(part, rows)| Part::Emission(part, rows))
     })?;
     let mut scalable = Vec::new();
     for part in coherent.into_iter().chain(emission) {
@@ -219,7 +240,7 @@ pub fn of(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<Colours, Sp
         }
     }
     if wanted.thickness && !scalable.is_empty() {
-        colours.spectra.thickness = Some(thickness(recipe, wanted, &scalable)?);
+        colours.spectra.thickness = Some(thickness(stop, recipe, wanted, &scalable)?);
     }
     Ok(colours)
 }
@@ -251,7 +272,8 @@ enum Quantity {
 
 impl Scalable {
     /// The colour at a scale.
-    fn at(&self, scale: f64) -> Row {
+    fn at(&self, stop: &AtomicBool, scale: f64) -> Result<Row, SpectraError> {
+        go_on(stop)?;
         let scaled = Scaled::new(self.sampling, scale);
         let row = |(row, most): (&Banded, &f64)| {
             if scale == 1.0 {
@@ -260,7 +282,7 @@ impl Scalable {
             let mean = self.mean(&scaled, row);
             (scaled.rgb(&row.spectrum, most * mean).map(|channel| channel / mean), mean)
         };
-        self.rows.par_iter().zip(&self.most).map(row).collect()
+        Ok(self.rows.par_iter().zip(&self.most).map(row).collect())
     }
 
     /// Ê has unit mean; a stack that gives off nothing has 1.
@@ -270,30 +292,38 @@ impl Scalable {
     }
 
     /// ΔE00 that reading between neighbouring scales misses half-way, at the worst angle.
-    fn missed(&self, scale: &[f64], nodes: &[Row]) -> f64 {
+    fn missed(&self, stop: &AtomicBool, scale: &[f64], nodes: &[Row]) -> Result<f64, SpectraError> {
         let judged = self.theta_deg.partition_point(|degrees| *degrees <= JUDGED_DEG);
-        let between = |k: usize| {
-            let middle = self.at((scale[k] * scale[k + 1]).sqrt());
+        let mut worst = 0.0f64;
+        for k in 0..scale.len() - 1 {
+            let middle = self.at(stop, (scale[k] * scale[k + 1]).sqrt())?;
             let missed = |i: usize| {
                 let read = [0, 1, 2].map(|c| 0.5 * (nodes[k][i].0[c] + nodes[k + 1][i].0[c]));
                 let lab = |rgb| colour::lab(colour::xyz_of_linear_srgb(rgb));
                 colour::delta_e_2000(lab(read), lab(middle[i].0))
             };
-            (0..judged).map(missed).fold(0.0, f64::max)
-        };
-        (0..scale.len() - 1).map(between).fold(0.0, f64::max)
+            worst = (0..judged).map(missed).fold(worst, f64::max);
+        }
+        Ok(worst)
     }
 }
 
 /// The colours at as many scales as reading between them takes.
-fn thickness(recipe: &Recipe, wanted: Wanted, parts: &[Scalable]) -> Result<Thickness, SpectraError> {
+fn thickness(
+    stop: &AtomicBool,
+    recipe: &Recipe,
+    wanted: Wanted,
+    parts: &[Scalable],
+) -> Result<Thickness, SpectraError> {
     let mut per_octave = SCALES_PER_OCTAVE;
     let (scale, nodes, missed) = loop {
         let scale = scales(recipe, per_octave);
-        let nodes: Vec<Vec<Row>> =
-            parts.iter().map(|part| scale.iter().map(|scale| part.at(*scale)).collect()).collect();
-        let missed =
-            parts.iter().zip(&nodes).map(|(part, nodes)| part.missed(&scale, nodes)).fold(0.0, f64::max);
+        let at_all = |part: &Scalable| scale.iter().map(|scale| part.at(stop, *scale)).collect();
+        let nodes: Vec<Vec<Row>> = parts.iter().map(at_all).collect::<Result<_, SpectraError>>()?;
+        let mut missed = 0.0f64;
+        for (part, nodes) in parts.iter().zip(&nodes) {
+            missed = missed.max(part.missed(stop, &scale, nodes)?);
+        }
         // The error goes by the square of the distance.
         let finer = per_octave * (1.1 * (missed / BETWEEN_SCALES).sqrt()).clamp(1.1, 4.0);
         if missed <= BETWEEN_SCALES || scales(recipe, finer).len() > MOST_SCALES {
@@ -301,7 +331,7 @@ fn thickness(recipe: &Recipe, wanted: Wanted, parts: &[Scalable]) -> Result<Thic
         }
         per_octave = finer;
     };
-    let scaling = parts.iter().map(|part| scaling_error(recipe, wanted, part));
+    let scaling = parts.iter().map(|part| scaling_error(stop, recipe, wanted, part));
     let scaling = scaling.collect::<Result<Vec<_>, _>>()?.into_iter().fold(0.0, f64::max);
     let delta_e00 = ThicknessError { scales: three_digits(missed), scaling: three_digits(scaling) };
     let mut thickness = Thickness { scale, delta_e00, ..Thickness::default() };
@@ -329,7 +359,12 @@ fn scales(recipe: &Recipe, per_octave: f64) -> Vec<f64> {
 }
 
 /// ΔE00 between colours of stacks of the smallest and the largest thickness and what scaling makes of this one.
-fn scaling_error(recipe: &Recipe, wanted: Wanted, part: &Scalable) -> Result<f64, SpectraError> {
+fn scaling_error(
+    stop: &AtomicBool,
+    recipe: &Recipe,
+    wanted: Wanted,
+    part: &Scalable,
+) -> Result<f64, SpectraError> {
     let profile = recipe.source_profile();
     let stack = match part.kind {
         Quantity::Modulation => wave_stack(recipe, wanted),
@@ -341,8 +376,8 @@ fn scaling_error(recipe: &Recipe, wanted: Wanted, part: &Scalable) -> Result<f64
     }
     let transport = walked(recipe, wanted, recipe.wavelength())?;
     let solved = |stack: &Stack, sampling: Sampling| match part.kind {
-        Quantity::Modulation => reflected(stack, &transport, &PILOT_DEG, sampling),
-        Quantity::Emission => modulation::emission(stack, profile, &radians(&PILOT_DEG), sampling),
+        Quantity::Modulation => reflected(stop, stack, &transport, &PILOT_DEG, sampling),
+        Quantity::Emission => modulation::emission(stop, stack, profile, &radians(&PILOT_DEG), sampling),
     };
     let own = solved(&stack, part.sampling)?;
     let ThicknessRange { min, max } = recipe.look.thickness.unwrap_or_default();
@@ -404,6 +439,10 @@ fn walked(recipe: &Recipe, wanted: Wanted, wavelength: f64) -> Result<Transport,
     Ok(transport)
 }
 
+fn go_on(stop: &AtomicBool) -> Result<(), SpectraError> {
+    if stop.load(Ordering::Relaxed) { Err(SpectraError::Stopped) } else { Ok(()) }
+}
+
 /// R_incoherent of the walk at a wavelength (nm), at the angles that colours are stored for.
 pub(crate) fn incoherent(
     recipe: &Recipe,
@@ -415,11 +454,16 @@ pub(crate) fn incoherent(
     Ok(radians(theta_deg).iter().map(|theta| incoherent_reflectance(&transport, *theta)).collect())
 }
 
-fn coherent(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<(Coherent, Scalable), SpectraError> {
+fn coherent(
+    stop: &AtomicBool,
+    recipe: &Recipe,
+    wanted: Wanted,
+    delta_e00: f64,
+) -> Result<(Coherent, Scalable), SpectraError> {
     let transport = walked(recipe, wanted, recipe.wavelength())?;
     let stack = wave_stack(recipe, wanted);
-    let effort = Effort::of_coherent(&stack, &transport, delta_e00, beyond(recipe, wanted))?;
-    let of = |theta_deg: &[f64]| reflected(&stack, &transport, theta_deg, effort.sampling());
+    let effort = Effort::of_coherent(stop, &stack, &transport, delta_e00, beyond(recipe, wanted))?;
+    let of = |theta_deg: &[f64]| reflected(stop, &stack, &transport, theta_deg, effort.sampling());
     let Curve { theta_deg, rows, error } = curve(effort.theta_deg.clone(), delta_e00, of)?;
     let angles = radians(&theta_deg);
     let incoherent: Vec<f64> =
@@ -436,6 +480,7 @@ fn coherent(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<(Coherent
 }
 
 fn reflected(
+    stop: &AtomicBool,
     stack: &Stack,
     transport: &Transport,
     theta_deg: &[f64],
@@ -444,17 +489,23 @@ fn reflected(
     let angles = radians(theta_deg);
     let incoherent: Vec<f64> =
         angles.par_iter().map(|theta| incoherent_reflectance(transport, *theta)).collect();
-    modulation::modulation(stack, &incoherent, &angles, sampling)
+    modulation::modulation(stop, stack, &incoherent, &angles, sampling)
 }
 
-fn emission(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<(Emission, Scalable), SpectraError> {
+fn emission(
+    stop: &AtomicBool,
+    recipe: &Recipe,
+    wanted: Wanted,
+    delta_e00: f64,
+) -> Result<(Emission, Scalable), SpectraError> {
     // Refuses what the bake refuses, with its words.
     recipe.transport(recipe.wavelength())?;
     let stack = emission_stack(recipe, wanted);
     let profile = recipe.source_profile();
-    let effort = Effort::of_emission(&stack, profile, delta_e00, beyond(recipe, wanted))?;
-    let of =
-        |theta_deg: &[f64]| modulation::emission(&stack, profile, &radians(theta_deg), effort.sampling());
+    let effort = Effort::of_emission(stop, &stack, profile, delta_e00, beyond(recipe, wanted))?;
+    let of = |theta_deg: &[f64]| {
+        modulation::emission(stop, &stack, profile, &radians(theta_deg), effort.sampling())
+    };
     let Curve { theta_deg, rows, error } = curve(effort.theta_deg.clone(), delta_e00, of)?;
     let (radiance, radiance_rgb) = columns(&rows);
     let scalable = Scalable {
@@ -553,23 +604,25 @@ fn absorbs(stack: &Stack) -> bool {
 }
 
 /// Waves that M and Ê take to a colour difference ΔE00, and layers that those pass; 0 where a colour is not wanted or cannot be had. The pilot
-/// of an irregular stack is run.
+/// of an irregular stack is run, unless `stop` is set.
 #[must_use]
-pub fn counts(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> [[f64; 2]; 2] {
+pub fn counts(stop: &AtomicBool, recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> [[f64; 2]; 2] {
     let count = |stack: &Stack, effort: Result<Effort, SpectraError>| {
         let waves = effort.map_or(0.0, |effort| effort.waves());
         [waves, waves * stack.layer_count() as f64]
     };
     let coherent = || {
         let stack = wave_stack(recipe, wanted);
-        let effort = walked(recipe, wanted, recipe.wavelength())
-            .map_err(SpectraError::from)
-            .and_then(|transport| Effort::of_coherent(&stack, &transport, delta_e00, beyond(recipe, wanted)));
+        let effort =
+            walked(recipe, wanted, recipe.wavelength()).map_err(SpectraError::from).and_then(|transport| {
+                Effort::of_coherent(stop, &stack, &transport, delta_e00, beyond(recipe, wanted))
+            });
         count(&stack, effort)
     };
     let emission = || {
         let stack = emission_stack(recipe, wanted);
-        let effort = Effort::of_emission(&stack, recipe.source_profile(), delta_e00, beyond(recipe, wanted));
+        let profile = recipe.source_profile();
+        let effort = Effort::of_emission(stop, &stack, profile, delta_e00, beyond(recipe, wanted));
         count(&stack, effort)
     };
     [
@@ -578,10 +631,10 @@ pub fn counts(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> [[f64; 2]; 2] 
     ]
 }
 
-/// Seconds of one core that M and Ê take to a colour difference ΔE00, each 0 where it is not wanted.
+/// Seconds of one core that M and Ê take to a colour difference ΔE00, each 0 where it is not wanted. Pilots stop soon after `stop` is set.
 #[must_use]
-pub fn forecast(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> [f64; 2] {
-    let [coherent, emission] = counts(recipe, wanted, delta_e00);
+pub fn forecast(stop: &AtomicBool, recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> [f64; 2] {
+    let [coherent, emission] = counts(stop, recipe, wanted, delta_e00);
     let wave = reflectance_price(&wave_stack(recipe, wanted));
     let field = field_price(&emission_stack(recipe, wanted), recipe.source_profile());
     [prices::sum(&coherent, &wave), prices::sum(&emission, &field)]
@@ -614,13 +667,14 @@ struct Effort {
 impl Effort {
     /// Of M.
     fn of_coherent(
+        stop: &AtomicBool,
         stack: &Stack,
         transport: &Transport,
         delta_e00: f64,
         beyond: [usize; 2],
     ) -> Result<Self, SpectraError> {
         let step = if stack.is_irregular() { STEP_DEG } else { FINE_STEP_DEG };
-        let pilot = |sampling| reflected(stack, transport, &PILOT_DEG, sampling);
+        let pilot = |sampling| reflected(stop, stack, transport, &PILOT_DEG, sampling);
         let per_band = if stack.is_irregular() { IRREGULAR_PER_BAND[0] } else { REGULAR_PER_BAND };
         let first = Self { theta_deg: angles_deg(step), per_band, members: 1.0, beyond };
         first.chosen(stack, reflectance_price(stack), delta_e00, pilot)
@@ -628,12 +682,13 @@ impl Effort {
 
     /// Of Ê.
     fn of_emission(
+        stop: &AtomicBool,
         stack: &Stack,
         profile: SourceProfile,
         delta_e00: f64,
         beyond: [usize; 2],
     ) -> Result<Self, SpectraError> {
-        let pilot = |sampling| modulation::emission(stack, profile, &radians(&PILOT_DEG), sampling);
+        let pilot = |sampling| modulation::emission(stop, stack, profile, &radians(&PILOT_DEG), sampling);
         let per_band = IRREGULAR_PER_BAND[1];
         let first = Self { theta_deg: angles_deg(STEP_DEG), per_band, members: 1.0, beyond };
         first.chosen(stack, field_price(stack, profile), delta_e00, pilot)
@@ -794,6 +849,7 @@ pub(crate) fn incoherent_reflectance(transport: &Transport, theta: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bake::NEVER;
     use crate::bake::{self, Observer, Request};
     use crate::options::{Options, Target};
 
@@ -806,6 +862,14 @@ mod tests {
         coherent_sheets: false,
         thickness: false,
     };
+
+    fn of(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> Result<Colours, SpectraError> {
+        super::of(&NEVER, recipe, wanted, delta_e00)
+    }
+
+    fn forecast(recipe: &Recipe, wanted: Wanted, delta_e00: f64) -> [f64; 2] {
+        super::forecast(&NEVER, recipe, wanted, delta_e00)
+    }
 
     fn recipe(text: &str) -> Recipe {
         Recipe::from_json(text).unwrap()
@@ -934,9 +998,10 @@ mod tests {
             let recipe = recipe(&format!(r#"{{"stack": {stack}}}"#));
             let transport = walked(&recipe, BOTH, recipe.wavelength()).unwrap();
             let stack = wave_stack(&recipe, BOTH);
-            let effort = Effort::of_coherent(&stack, &transport, asked, [0; 2]).unwrap();
-            let of =
-                |theta_deg: &[f64], sampling| reflected(&stack, &transport, theta_deg, sampling).unwrap();
+            let effort = Effort::of_coherent(&NEVER, &stack, &transport, asked, [0; 2]).unwrap();
+            let of = |theta_deg: &[f64], sampling| {
+                reflected(&NEVER, &stack, &transport, theta_deg, sampling).unwrap()
+            };
             let curve =
                 curve(effort.theta_deg.clone(), asked, |theta_deg| Ok(of(theta_deg, effort.sampling())))
                     .unwrap();
@@ -966,7 +1031,9 @@ mod tests {
         let members = |text: &str, asked| {
             let recipe = recipe(text);
             let transport = walked(&recipe, BOTH, recipe.wavelength()).unwrap();
-            Effort::of_coherent(&wave_stack(&recipe, BOTH), &transport, asked, [0; 2]).unwrap().members
+            Effort::of_coherent(&NEVER, &wave_stack(&recipe, BOTH), &transport, asked, [0; 2])
+                .unwrap()
+                .members
         };
         let few = r#"{"stack": {"layers": 20, "aragonite": {"thickness_sd_nm": 10}}}"#;
         assert!(members(few, 4.0) < members(few, 1.0) && members(few, 1.0) < members(few, 0.5));
@@ -986,10 +1053,15 @@ mod tests {
     }
 
     /// Largest ΔE00 up to 85° between M and Ê of a stack at a scale and those of a bake of such thicknesses; its colours at scales.
-    fn apart_at(stack: &dyn Fn(f64) -> String, s: f64, wanted: Wanted) -> ([f64; 2], Thickness) {
-        let own = of(&recipe(&stack(1.0)), Wanted { thickness: true, ..wanted }, 0.3).unwrap().spectra;
+    fn apart_at(
+        stack: &dyn Fn(f64) -> String,
+        s: f64,
+        wanted: Wanted,
+        delta_e00: f64,
+    ) -> ([f64; 2], Thickness) {
+        let own = of(&recipe(&stack(1.0)), Wanted { thickness: true, ..wanted }, delta_e00).unwrap().spectra;
         own.validate().unwrap();
-        let other = of(&recipe(&stack(s)), wanted, 0.3).unwrap().spectra;
+        let other = of(&recipe(&stack(s)), wanted, delta_e00).unwrap().spectra;
         let thickness = own.thickness.clone().unwrap();
         let worst = |theta_deg: &[f64], read: Vec<[f64; 3]>, truth_deg: &[f64], truth: &[[f64; 3]]| -> f64 {
             let lab = |rgb: &[f64; 3]| colour::lab(colour::xyz_of_linear_srgb(*rgb));
@@ -1022,7 +1094,7 @@ mod tests {
             )
         };
         for s in [0.7, 0.83, 1.27, 1.4] {
-            let (apart, thickness) = apart_at(&stack, s, BOTH);
+            let (apart, thickness) = apart_at(&stack, s, BOTH, 0.3);
             assert!(thickness.delta_e00.scales <= BETWEEN_SCALES && thickness.delta_e00.scaling == 0.0);
             assert!(apart.iter().all(|apart| *apart <= 0.1), "{s}: {apart:?}");
         }
@@ -1037,7 +1109,7 @@ mod tests {
             )
         };
         for s in [0.7, 1.4] {
-            let (apart, thickness) = apart_at(&stack, s, BOTH);
+            let (apart, thickness) = apart_at(&stack, s, BOTH, 0.3);
             let (worst, said) = (apart[0].max(apart[1]), thickness.delta_e00.scaling);
             assert!(worst > 1.0 && worst <= 1.3 * said, "{s}: {apart:?}, said {said}");
         }

@@ -1,4 +1,5 @@
-//! Milliseconds from an order to its arrays, and their parts: least and median of many.
+//! Milliseconds from an order to its arrays, and their parts; of a coarse order that overtakes a fine one, too: least, median and most of
+//! many.
 //! `cargo run --release -p nacre-studio --example latency [RECIPE] [coarse|fine] [TIMES]`
 
 use bake_brdf::recipe::Recipe;
@@ -7,7 +8,7 @@ use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use studio::{Server, Settings, Start};
 
 #[allow(clippy::print_stdout)] // an example speaks
@@ -21,17 +22,22 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let flag = Arc::clone(&stop);
     let thread = std::thread::spawn(move || server.run(&flag));
     let mut parts: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-    for _ in 0..times {
+    let order = |quality: &str| -> std::io::Result<TcpStream> {
         let body = format!(r#"{{"recipe": "{recipe}", "quality": "{quality}"}}"#);
-        let started = Instant::now();
         let mut stream = TcpStream::connect(address)?;
         write!(
             stream,
             "POST /api/bake HTTP/1.1\r\nHost: {address}\r\nX-Nacre-Token: {token}\r\nContent-Length: {}\r\n\r\n{body}",
             body.len()
         )?;
+        Ok(stream)
+    };
+    let mut longest = Duration::ZERO;
+    for _ in 0..times {
+        let started = Instant::now();
         let mut answer = Vec::new();
-        stream.read_to_end(&mut answer)?;
+        order(&quality)?.read_to_end(&mut answer)?;
+        longest = longest.max(started.elapsed());
         parts.entry("all".to_owned()).or_default().push(1e3 * started.elapsed().as_secs_f64());
         let text = String::from_utf8_lossy(&answer[..answer.len().min(2000)]).into_owned();
         let timing =
@@ -41,9 +47,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             parts.entry(name.to_owned()).or_default().push(milliseconds.parse()?);
         }
     }
+    // Overtaken early and late.
+    for k in 0..times {
+        let overtaken = order("fine")?;
+        std::thread::sleep(longest.mul_f64(k as f64 / times as f64));
+        let started = Instant::now();
+        order("coarse")?.read_to_end(&mut Vec::new())?;
+        parts.entry("coarse, overtaking".to_owned()).or_default().push(1e3 * started.elapsed().as_secs_f64());
+        drop(overtaken);
+    }
     for (name, mut all) in parts {
         all.sort_by(f64::total_cmp);
-        println!("{name:8} least {:7.1} ms, median {:7.1} ms", all[0], all[all.len() / 2]);
+        let [least, median, most] = [0, all.len() / 2, all.len() - 1].map(|at| all[at]);
+        println!("{name:18} least {least:7.1} ms, median {median:7.1} ms, most {most:7.1} ms");
     }
     stop.store(true, Ordering::Relaxed);
     thread.join().map_err(|_| "the server failed")??;

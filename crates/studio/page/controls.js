@@ -92,7 +92,8 @@ export function number({ label, unit = "", min, max, step, hint, slider = true, 
     if (Number.isFinite(value)) set(Math.min(Math.max(value, min), max));
     made.update();
   }
-  const name = element("label", { for: id, class: "name", title: hint ?? false }, label);
+  const span = `${min} to ${max}${unit ? ` ${unit}` : ""}`.replaceAll("-", "−");
+  const name = element("label", { for: id, class: "name", title: hint ? `${hint}: ${span}` : span }, label);
   name.addEventListener("pointerdown", (event) => {
     // The name is dragged, too: a range of 300 pixels.
     event.preventDefault();
@@ -195,13 +196,14 @@ export function segments({ label, quiet = false, options, get, set }) {
  * One of many.
  * @param {object} options
  * @param {string} options.label
+ * @param {string} [options.name] that screen readers say, where the label is not enough
  * @param {() => [string, string][]} options.options value and text
  * @param {() => string} options.get
  * @param {(value: string) => void} options.set
  */
-export function choice({ label, options, get, set }) {
+export function choice({ label, name, options, get, set }) {
   const id = `n${++numbered}`;
-  const select = element("select", { id, class: "select", change: () => { set(select.value); made.update(); } });
+  const select = element("select", { id, class: "select", "aria-label": name, change: () => { set(select.value); made.update(); } });
   const made = control(element("div", { class: "control chosen" }, element("label", { for: id, class: "name" }, label), select), () => {
     const wanted = options();
     if (JSON.stringify(wanted) !== select.dataset.options) {

@@ -185,7 +185,7 @@ function start() {
     /** @type {HTMLElement} */ (find("progress").firstElementChild).style.width = `${Math.min(100, 100 * Math.log2(Math.max(samples, 1)) / 12)}%`;
   };
   new ResizeObserver(() => { page.resize(); captions(); void plot(); }).observe(find("stage"));
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => void plot());
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { page.apply(true); void plot(); });
   addEventListener("hashchange", () => location.reload());
 
   // ---- Files that are dropped -------------------------------------------------------------------------------------
@@ -215,7 +215,7 @@ function start() {
       return;
     }
     const state = await page.server.state();
-    page.recipes = state.recipes ?? [];
+    Object.assign(page, { recipes: state.recipes, materials: state.materials, formats: state.formats });
     page.begin(await page.server.initial(), state.recipe, state.name);
   }
   return { page, loaded: load() };

@@ -6,12 +6,8 @@
 
 import { element } from "nacre/controls.js";
 import { writeExr } from "nacre/exr.js";
-import { mitsubaSnippet, pythonSnippet } from "nacre/snippets.js";
-
-/** What the server exports, as `lut export` does. */
-const FORMATS = [
-  ["table", "Table", ".exr"], ["arrays", "Prepared arrays", ".npz"], ["bsdf-rgb", "Mitsuba measured, RGB", ".bsdf"], ["bsdf-spectral", "Mitsuba measured, spectral", ".bsdf"], ["merl", "MERL", ".binary"],
-];
+import { scaledRecipe } from "nacre/pearls.js";
+import { blenderSnippet, mitsubaSnippet, pythonSnippet } from "nacre/snippets.js";
 
 /**
  * @param {Blob} blob
@@ -24,14 +20,19 @@ function download(blob, name) {
   setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
 
+/** Formats of which thickness is a control: they hold the recipe's own, the snippets say which one is shown. */
+const SCALABLE = ["table", "arrays"];
+
 /**
  * The recipe of a side with its look.
  * @param {Page} page
+ * @param {boolean} asShown whether with the thicknesses that are shown, in place of its own
  */
-export function recipeOf(page) {
+export function recipeOf(page, asShown) {
   const side = page.state[page.state.side];
-  const { depth, brightness, coherence, grain, body_rgb } = side;
-  return { ...side.recipe, schema: "pearl-recipe/1", look: { ...side.recipe?.look, depth, brightness, coherence, grain, body_rgb } };
+  const { depth, brightness, coherence, grain, body_rgb, thickness } = side;
+  const scaled = scaledRecipe(side.recipe ?? {}, asShown ? thickness : 1);
+  return { ...scaled, schema: "pearl-recipe/1", look: { ...scaled.look, depth, brightness, coherence, grain, body_rgb } };
 }
 
 /**
@@ -61,8 +62,8 @@ async function pixelsOf(page) {
  */
 export function buildMenu(page, button, menu) {
   const name = () => page.state[page.state.side].name || "pearl";
-  const item = (/** @type {string} */ text, /** @type {string} */ note, /** @type {() => Promise<void> | void} */ act) => element("button", {
-    type: "button", role: "menuitem", click: async () => {
+  const item = (/** @type {string} */ text, /** @type {string} */ note, /** @type {() => Promise<void> | void} */ act, /** @type {string | undefined} */ title = undefined) => element("button", {
+    type: "button", role: "menuitem", title, click: async () => {
       close();
       try {
         await act();
@@ -77,7 +78,13 @@ export function buildMenu(page, button, menu) {
   };
   const file = () => `${name()}.exr`;
   const side = () => page.state[page.state.side];
-  menu.replaceChildren(
+  const exported = (/** @type {string} */ format, /** @type {string} */ text, /** @type {string} */ ending, /** @type {string} */ title) => item(text, ending, async () => {
+    page.onnotice("The file is made …", true);
+    const { blob, name: given } = await /** @type {import("nacre/server.js").Server} */ (page.server).export(side().recipe ? recipeOf(page, !SCALABLE.includes(format)) : "current", format);
+    download(blob, given ?? `${name()}${ending}`);
+  }, title);
+  // Filled as it opens: what the server exports is known by then.
+  const fill = () => menu.replaceChildren(
     element("h3", {}, "Picture"),
     item("As it is shown", ".png", async () => {
       page.renderer.redraw();
@@ -90,16 +97,17 @@ export function buildMenu(page, button, menu) {
     }),
     element("h3", {}, "Pearl"),
     ...(page.server ? [
-      item("Recipe", ".json", () => download(new Blob([JSON.stringify(recipeOf(page), null, 2)], { type: "application/json" }), `${name()}.json`)),
-      ...FORMATS.map(([format, title, ending]) => item(title, ending, async () => {
-        const { blob, name: given } = await /** @type {import("nacre/server.js").Server} */ (page.server).export(side().recipe ? recipeOf(page) : "current", format);
-        download(blob, given ?? `${name()}${ending}`);
-      })),
+      item("Recipe", ".json", () => download(new Blob([JSON.stringify(recipeOf(page, true), null, 2)], { type: "application/json" }), `${name()}.json`)),
+      exported("table", "Table", ".exr", "The table that the plugin and the tools read"),
+      element("h3", {}, "Other programs"),
+      ...page.formats.map((format) => exported(format.name, format.description.replace(/ *\(\.\w+\)/, ""), `.${format.ending}`, `lut export --to ${format.name}`)),
+      element("h3", {}, "Page"),
     ] : []),
     item("State of this page", ".json", () => download(new Blob([JSON.stringify(page.state, null, 2)], { type: "application/json" }), `${name()}-state.json`)),
     element("h3", {}, "Copy"),
     item("Mitsuba scene", "XML", () => copy(mitsubaSnippet(side(), file()), "the Mitsuba BSDF")),
     item("Python", "nacre", () => copy(pythonSnippet(side(), file()), "the Python lines")),
+    item("Blender", "shell", () => copy(blenderSnippet(file()), "the command for Blender")),
     item("Link to this state", "URL", () => copy(location.href, "the link")),
   );
   function close() {
@@ -108,6 +116,7 @@ export function buildMenu(page, button, menu) {
   }
   button.addEventListener("click", (event) => {
     event.stopPropagation();
+    if (menu.hidden) fill();
     menu.hidden = !menu.hidden;
     button.setAttribute("aria-expanded", String(!menu.hidden));
     if (!menu.hidden) /** @type {HTMLElement | null} */ (menu.querySelector("button"))?.focus();

@@ -50,6 +50,10 @@ export class Page {
     this.bakeLine = { text: "", failed: false };
     /** @type {{name: string, recipe: Recipe, source?: string}[]} */
     this.recipes = [];
+    /** Materials that recipes may name. @type {import("nacre/server.js").Material[]} */
+    this.materials = [];
+    /** What the server exports. @type {import("nacre/server.js").Format[]} */
+    this.formats = [];
     /** Called when anything that the controls show has changed. */
     this.onupdate = () => {};
     this.onnotice = (/** @type {string} */ text, plain = false) => { void text; void plain; };
@@ -144,7 +148,7 @@ export class Page {
   follow() {
     if (this.state.view === "split" || this.state.side === "b") this.pearls.split();
     for (const side of /** @type {const} */ (["a", "b"])) {
-      if (this.pearls.of[side]) this.pearls.follow(side, this.state[side].recipe).catch(() => {});
+      if (this.pearls.of[side]) this.pearls.follow(side, this.state[side].recipe, this.state[side].thickness).catch(() => {});
     }
   }
 
@@ -158,7 +162,14 @@ export class Page {
     if (!this.server) throw new Error("This page has no server that bakes: start it with `pearl studio`.");
     const { side } = this.state;
     this.change({ ...lookOf(found), tint_rgb: [1, 1, 1], thickness: 1, name: found.name ?? "recipe", recipe: found }, "recipe");
-    await this.pearls.follow(side, found);
+    const asked = this.state;
+    try {
+      await this.pearls.follow(side, found, 1);
+    } catch (error) {
+      // What cannot be baked is not shown either.
+      if (this.state === asked) this.travel(-1);
+      throw error;
+    }
   }
 
   // ---- Picture --------------------------------------------------------------------------------------------------------
@@ -185,6 +196,7 @@ export class Page {
   apply(displayOnly = false) {
     const { state, renderer, pearls } = this;
     renderer.exposure = 2 ** state.exposure_ev;
+    renderer.surround = (getComputedStyle(/** @type {HTMLElement} */ (this.canvas.parentElement)).backgroundColor.match(/[\d.]+/g) ?? []).slice(0, 3).map((x) => Number(x) / 255);
     const shown = /** @type {import("nacre/look.js").Shown} */ (Object.fromEntries(COMPONENTS.map((name) => [name, state.components.includes(name)])));
     if (!displayOnly) {
       for (const side of /** @type {const} */ (["a", "b"])) pearls.paint(side, state[side], shown);
@@ -228,13 +240,17 @@ export class Page {
    */
   tiles(count) {
     const { width, height } = this.canvas;
-    let columns = 1;
-    while (Math.ceil(count / columns) / columns > (1.25 * height) / width) columns++;
-    columns = Math.min(columns, count);
+    // As large as they can be, few places left empty.
+    const worth = (/** @type {number} */ columns) => {
+      const rows = Math.ceil(count / columns);
+      return Math.min(width / columns, height / rows) * Math.sqrt(count / (columns * rows));
+    };
+    const columns = Array.from({ length: count }, (_, k) => k + 1).reduce((best, other) => (worth(other) > worth(best) ? other : best));
     const rows = Math.ceil(count / columns);
     return Array.from({ length: count }, (_, k) => {
       const [x, y] = [k % columns, Math.floor(k / columns)];
-      const [left, right] = [x, x + 1].map((at) => Math.round((width * at) / columns));
+      const empty = y === rows - 1 ? rows * columns - count : 0;
+      const [left, right] = [x, x + 1].map((at) => Math.round((width * (at + empty / 2)) / columns));
       const [top, bottom] = [y, y + 1].map((at) => Math.round((height * at) / rows));
       return [left, height - bottom, right - left, bottom - top];
     });
@@ -249,6 +265,7 @@ export class Page {
     this.canvas.width = width;
     this.canvas.height = height;
     this.apply();
+    this.renderer.stretch();
   }
 
   /**

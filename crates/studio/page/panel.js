@@ -9,6 +9,7 @@
 import { fromHex, toHex } from "nacre/colour.js";
 import { choice, colour, direction, element, number, segments, switches } from "nacre/controls.js";
 import { LIGHTS, SHAPES } from "nacre/scenes.js";
+import { DEFAULT_SCALES } from "nacre/pearls.js";
 import { RANGES, START } from "nacre/state.js";
 
 /**
@@ -58,15 +59,26 @@ export function buildPanel(page, into) {
       get: () => page.state.components, set: (components) => page.change({ components }, "components"),
     })));
   look.summary.append(which);
+  const scales = () => {
+    const { min, max } = { ...DEFAULT_SCALES, ...side().recipe?.look?.thickness };
+    return page.pearls.of[page.state.side]?.table.scales ?? (side().recipe?.look?.thickness ? [min, max] : null);
+  };
   const thickness = add(number({
-    label: "Thickness", unit: "×", min: 0.7, max: 1.4, step: 0.005, hint: "Scale of all layers' thicknesses: the cause of the interference colour",
+    label: "Thickness", unit: "×", min: DEFAULT_SCALES.min, max: DEFAULT_SCALES.max, step: 0.005, hint: "Scale of all layers' thicknesses: the cause of the interference colour",
     get: () => side().thickness, initial: () => 1,
     set: (value) => {
-      const [low, high] = page.pearls.of[page.state.side]?.table.scales ?? [1, 1];
+      const [low, high] = scales() ?? [1, 1];
       page.change({ thickness: Math.min(Math.max(value, low), high) }, "thickness");
     },
   }));
-  look.querySelector(".body")?.insertBefore(thickness, look.querySelector(".colour"));
+  // Where a table holds the colours of one thickness alone.
+  const fixed = element("div", { class: "control fixed" },
+    element("span", { class: "name" }, "Thickness"),
+    page.server ? element("button", {
+      type: "button", class: "button", title: "Bakes the colours of all thicknesses from 0.7 to 1.4 times the recipe's",
+      click: () => page.change({ recipe: { ...side().recipe, look: { ...side().recipe?.look, thickness: DEFAULT_SCALES } } }, "thickness as a control"),
+    }, "Make it a control") : element("small", {}, "fixed in this table"));
+  for (const made of [thickness, fixed]) look.querySelector(".body")?.insertBefore(made, look.querySelector(".colour"));
 
   const floor = add(segments({
     label: "Backdrop", options: [["light", "Light"], ["grey", "Grey"], ["dark", "Dark"]], get: () => page.state.backdrop, set: (backdrop) => page.change({ backdrop }, "backdrop"),
@@ -94,21 +106,30 @@ export function buildPanel(page, into) {
 
   into.replaceChildren(look, scene);
   const baked = element("small", { role: "status" });
+  const refused = element("p", { class: "error", role: "alert" });
   if (page.server) {
     const made = buildPhysics(page, add);
     made.summary.append(baked);
+    made.querySelector(".body")?.prepend(refused);
     into.insertBefore(made, scene);
   }
   return () => {
     which.textContent = page.state.view === "split" ? `of ${page.state.side.toUpperCase()}` : "";
-    const scales = page.pearls.of[page.state.side]?.table.scales;
-    thickness.hidden = !scales;
+    thickness.hidden = !scales();
+    fixed.hidden = !thickness.hidden;
+    /** @type {HTMLButtonElement | null} */ (fixed.querySelector("button"))?.toggleAttribute("disabled", !side().recipe);
     floor.hidden = ["aurora", "map"].includes(page.state.light);
-    baked.textContent = page.bakeLine.text;
-    baked.classList.toggle("error", page.bakeLine.failed);
+    const { text, failed } = page.bakeLine;
+    baked.textContent = failed ? "not baked" : text;
+    baked.classList.toggle("error", failed);
+    refused.textContent = text;
+    refused.hidden = !failed;
     for (const each of controls) each.update();
   };
 }
+
+/** Choices of a medium's index beside the library's: a number, and what a recipe says in another way. */
+const [PLAIN, OWN] = ["", "own"];
 
 /**
  * The physics of a recipe: what it is baked of.
@@ -137,26 +158,57 @@ function buildPhysics(page, add) {
   }));
   const medium = (/** @type {string} */ name, /** @type {string} */ title, /** @type {boolean} */ layered) => {
     const at = `stack.${name}`;
-    const index = field(`${at}.n`, "Index n", "", 1, 3, 0.001, 1.5);
-    const absorption = field(`${at}.k`, "Absorption k", "", 0, 0.1, 0.0001, 0);
-    const dispersed = element("p", {}, "Its index depends on the wavelength, as the recipe says.");
-    const shown = add(Object.assign(element("div"), { update: () => {
-      const plain = typeof read(`${at}.n`) !== "object" && typeof read(`${at}.n`) !== "string";
-      index.hidden = absorption.hidden = !plain;
-      dispersed.hidden = plain;
+    /** The library's material that the index is of; null of a number or another. */
+    const material = () => {
+      const n = read(`${at}.n`);
+      if (typeof n !== "object" || n === null) return null;
+      return page.materials.find((known) => known.name === n.material || JSON.stringify(known.n) === JSON.stringify(n)) ?? null;
+    };
+    const which = () => (typeof read(`${at}.n`) === "object" ? material()?.name ?? OWN : PLAIN);
+    const index = field(`${at}.n`, "Index n", "", 0.05, 4, 0.001, 1.5);
+    const absorption = field(`${at}.k`, "Absorption k", "", 0, 10, 0.0001, 0);
+    const numbers = element("div", { class: "pair" }, index, ...(name === "ambient" ? [] : [absorption]));
+    const source = element("p", {});
+    const shown = add(Object.assign(element("div", { hidden: true }), { update: () => {
+      const chosen = which();
+      const known = material();
+      numbers.hidden = chosen !== PLAIN;
+      source.hidden = chosen === PLAIN;
+      source.textContent = known ? `${known.source}; ${known.from_nm} to ${known.to_nm} nm` : "Its index depends on the wavelength, as the recipe says.";
     } }));
-    shown.hidden = true;
     return [
       element("h4", {}, title),
       ...(layered ? [field(`${at}.thickness_nm`, "Thickness", "nm", 1, 1000, 1, 100, true), field(`${at}.thickness_sd_nm`, "Spread of thickness", "nm", 0, 100, 0.1, 0)] : []),
-      element("div", { class: "pair" }, index, absorption), dispersed, shown,
+      add(choice({
+        label: "Material", name: `Material of ${title.toLowerCase()}`,
+        options: () => [[PLAIN, "Constant index"], ...(which() === OWN ? [/** @type {[string, string]} */ ([OWN, "The recipe's own"])] : []), ...page.materials.map((known) => /** @type {[string, string]} */ ([known.name, known.name]))],
+        get: which,
+        set: (chosen) => {
+          // Back to a number: the one that it had in the middle of the visible range.
+          const [n, k] = material()?.index ?? [1.5, 0];
+          write(chosen === PLAIN ? { [`${at}.n`]: Number(n.toFixed(4)), ...(k > 0 ? { [`${at}.k`]: Number(k.toFixed(4)) } : {}) } : { [`${at}.n`]: { material: chosen } });
+        },
+      })),
+      numbers, source, shown,
     ];
   };
+  const sources = element("dl", { class: "sources" });
+  const cited = element("details", { class: "cited" }, element("summary", {}, "Sources of these numbers"), sources);
+  const citing = add(Object.assign(element("div", { hidden: true }), { update: () => {
+    const first = page.initialRecipe();
+    const entries = Object.entries(/** @type {Object<string, string>} */ (first.sources ?? {}));
+    cited.hidden = entries.length === 0;
+    const before = (/** @type {string} */ path) => path.split(".").reduce((/** @type {any} */ value, key) => value?.[key], first);
+    const changed = (/** @type {string} */ path) => path !== "look" && JSON.stringify(before(path)) !== JSON.stringify(read(path));
+    sources.replaceChildren(...entries.flatMap(([path, text]) => [
+      element("dt", {}, path.replace(/^(stack|facets)\./, "").replace(/_(nm|deg)$/, "").replace(/[._]/g, " ")),
+      element("dd", changed(path) ? { class: "changed", title: "You have changed this number" } : {}, text),
+    ]));
+  } }));
   const explicit = element("p", {}, "The recipe lists its layers one by one: change them in the file.");
   const layered = element("div", { class: "body", style: "padding:0" },
     ...medium("aragonite", "Aragonite", true), ...medium("conchiolin", "Conchiolin", true),
-    element("h4", {}, "Stack"),
-    element("div", { class: "pair" }, field("stack.layers", "Layers", "", 1, 2000, 1, 500), field("stack.substrate.n", "Substrate n", "", 1, 3, 0.001, 1.53)),
+    element("h4", {}, "Stack"), field("stack.layers", "Layers", "", 1, 2000, 1, 500),
     add(segments({ label: "Layers are counted in", options: [["layers", "Layers"], ["pairs", "Pairs"]], get: () => read("stack.count") ?? "layers", set: (count) => write({ "stack.count": count }) })));
   const listed = add(Object.assign(element("div"), { update: () => {
     const is = Boolean(read("stack.explicit"));
@@ -165,6 +217,7 @@ function buildPhysics(page, add) {
   } }));
   listed.hidden = true;
   return part("Physics", true, listed, explicit, layered,
+    ...medium("ambient", "Ambient", false), ...medium("substrate", "Substrate", false), element("h4", {}, "Facets"),
     field("facets.slope_sd_deg", "Facets' slope σ", "°", 0.3, 15, 0.05, 2, true),
-    add(segments({ label: "Azimuth", options: [["decay", "Decay (paper)"], ["space", "In space"]], get: () => read("azimuth.mode") ?? "decay", set: (mode) => write({ "azimuth.mode": mode }) })));
+    add(segments({ label: "Azimuth", options: [["decay", "Decay (paper)"], ["space", "In space"]], get: () => read("azimuth.mode") ?? "decay", set: (mode) => write({ "azimuth.mode": mode }) })), cited, citing);
 }

@@ -15,13 +15,35 @@ import { makeTable } from "nacre/table.js";
 /** Fine tables that are kept for going back. */
 const KEPT = 12;
 
+/** Scales of a recipe that makes thickness a control and names none, as bakes have them. */
+export const DEFAULT_SCALES = { min: 0.7, max: 1.4 };
+
 /**
- * What of a recipe is baked: all but its look, its name and its sources.
+ * What of a recipe is baked: all but its look, its name and its sources; and whether thickness is a control.
  * @param {Recipe} recipe
  */
 function physics(recipe) {
   const { look, name, sources, ...rest } = recipe;
-  return JSON.stringify(rest);
+  return JSON.stringify([rest, look?.thickness ?? null]);
+}
+
+/**
+ * A recipe with all thicknesses and their spreads times a number.
+ * @param {Recipe} recipe
+ * @param {number} scale
+ * @returns {Recipe}
+ */
+export function scaledRecipe(recipe, scale) {
+  if (scale === 1) return recipe;
+  const next = structuredClone(recipe);
+  const { stack = {} } = next;
+  const layers = [stack.aragonite, stack.conchiolin, ...(stack.explicit ?? [])];
+  for (const layer of layers) {
+    for (const key of ["thickness_nm", "thickness_sd_nm"]) {
+      if (typeof layer?.[key] === "number") layer[key] *= scale;
+    }
+  }
+  return next;
 }
 
 /**
@@ -113,9 +135,10 @@ export class Pearls {
    * Sees to it that a side has the table of its recipe: at once if it is known, else coarse, then fine.
    * @param {"a" | "b"} side
    * @param {Recipe | null} recipe
+   * @param {number} thickness scale of all thicknesses that is shown
    * @returns {Promise<void>} resolves with the fine table
    */
-  follow(side, recipe) {
+  follow(side, recipe, thickness) {
     if (!recipe || !this.server) return Promise.resolve();
     const key = physics(recipe);
     if (key === this.wanted[side]) return this.baking ?? Promise.resolve();
@@ -127,7 +150,7 @@ export class Pearls {
       this.onbake("", false);
       return Promise.resolve();
     }
-    this.baking = this.bake(side, recipe, key);
+    this.baking = this.bake(side, recipe, key, thickness);
     return this.baking;
   }
 
@@ -135,14 +158,16 @@ export class Pearls {
    * @param {"a" | "b"} side
    * @param {Recipe} recipe
    * @param {string} key
+   * @param {number} thickness
    */
-  async bake(side, recipe, key) {
+  async bake(side, recipe, key, thickness) {
     const server = /** @type {Server} */ (this.server);
     const begun = performance.now();
     try {
       for (const quality of /** @type {const} */ (["coarse", "fine"])) {
         this.onbake(quality === "coarse" ? "Baking …" : "Refining …", false);
-        const { arrays, seconds } = await server.bake(recipe, quality);
+        // A coarse table holds one thickness: the one that is shown.
+        const { arrays, seconds } = await server.bake(quality === "coarse" ? scaledRecipe(recipe, thickness) : recipe, quality);
         if (this.wanted[side] !== key) return;
         const table = makeTable(arrays);
         this.take(side, table, key);

@@ -9,8 +9,9 @@ import { baseColour, scaleAt, shares } from "nacre/look.js";
 import { evaluate } from "nacre/probe.js";
 
 const LUMINANCE = [0.2126, 0.7152, 0.0722];
-/** Exit angles of a lobe's plot. */
+/** Exit angles of a lobe's plot, and how many of them from one error bar to the next. */
 const STEPS = 180;
+const BARS = 5;
 
 /** @param {number[]} rgb */
 const luminance = (rgb) => rgb.reduce((sum, x, k) => sum + x * LUMINANCE[k], 0);
@@ -37,7 +38,7 @@ function read(curves, which, [node, t, nodes]) {
   return curves[i] + t * (curves[i + 1] - curves[i]);
 }
 
-/** @typedef {{lobe: {angle: number[], blur: number[], mirror: number[], base: number[]}, spectra: {nm: number[], modulation: number[], emission: number[]} | null, ledger: {name: string, share: number}[], degrees: number}} Facts */
+/** @typedef {{lobe: {angle: number[], blur: number[], mirror: number[], base: number[], error: ((angle: number) => number) | null}, spectra: {nm: number[], modulation: number[], emission: number[]} | null, ledger: {name: string, share: number}[], degrees: number}} Facts */
 
 /**
  * What the plots show.
@@ -54,7 +55,7 @@ export async function factsOf(pearl, degrees) {
   const found = await evaluate(pearl, wi, wo);
   const lobe = {
     angle, blur: found.blur.map(luminance), mirror: found.mirror.map(luminance),
-    base: found.diffuse.map((rgb, k) => luminance(rgb) + luminance(found.incoherent[k])),
+    base: found.diffuse.map((rgb, k) => luminance(rgb) + luminance(found.incoherent[k])), error: errorsOf(table, theta),
   };
   const at = place(degrees, table.nodes);
   const { albedo_plain, albedo_rgb } = table.arrays;
@@ -73,6 +74,29 @@ export async function factsOf(pearl, degrees) {
   const names = ["Mirror", "Blur", "Incoherent", "Diffuse", "Absorbed"];
   const ledger = names.map((name, k) => ({ name, share: luminance(channel.map((row) => row[k])) }));
   return { lobe, spectra, ledger, degrees };
+}
+
+/**
+ * Standard errors of the interior lobe in the plane of incidence, as shares of it by the exit angle in degrees; null where a table
+ * does not say.
+ * @param {import("nacre/table.js").Table} table
+ * @param {number} theta incidence
+ */
+function errorsOf({ arrays }, theta) {
+  const { error_incidence: incidence, error_lobe: lobe } = arrays;
+  if (!incidence || !lobe) return null;
+  const [rows, columns] = lobe.shape;
+  let row = 0;
+  while (row < rows - 2 && incidence.data[row + 1] <= theta) row++;
+  const between = (/** @type {number} */ at, /** @type {number} */ low, /** @type {number} */ high) => Math.min(Math.max((at - low) / (high - low || 1), 0), 1);
+  const t = rows > 1 ? between(theta, incidence.data[row], incidence.data[row + 1]) : 0;
+  const read = (/** @type {number} */ at, /** @type {number} */ column) => lobe.data[Math.min(at, rows - 1) * columns + column];
+  return (/** @type {number} */ angle) => {
+    const x = ((angle + 90) / 180) * (columns - 1);
+    const column = Math.min(Math.floor(x), columns - 2);
+    const [low, high] = [row, row + 1].map((at) => read(at, column) + (x - column) * (read(at, column + 1) - read(at, column)));
+    return low + t * (high - low);
+  };
 }
 
 /**
@@ -196,6 +220,21 @@ export function plotLobe(canvas, facts) {
     line(context, xs, lobe.base.map(py), ink("--base-ink"), which > 0);
     line(context, xs, lobe.mirror.map(py), ink("--mirror-ink"), which > 0);
     line(context, xs, lobe.blur.map(py), ink("--blur-ink"), which > 0);
+    const { error } = lobe;
+    if (!error) return;
+    context.lineWidth = 1;
+    for (let k = BARS >> 1; k < xs.length; k += BARS) {
+      const half = error(lobe.angle[k]) * (py(0) - py(lobe.blur[k]));
+      if (half < 0.5) continue;
+      context.beginPath();
+      for (const end of [-half, half]) {
+        context.moveTo(xs[k], py(lobe.blur[k]));
+        context.lineTo(xs[k], py(lobe.blur[k]) + end);
+        context.moveTo(xs[k] - 2, py(lobe.blur[k]) + end);
+        context.lineTo(xs[k] + 2, py(lobe.blur[k]) + end);
+      }
+      context.stroke();
+    }
   });
   context.restore();
 }
@@ -222,6 +261,11 @@ export function plotSpectra(canvas, facts) {
   context.beginPath();
   context.rect(left, 0, right - left, bottom);
   context.clip();
+  if (facts.length > 0 && seen.length === 0) {
+    context.fillStyle = ink("--faint");
+    context.textAlign = "center";
+    context.fillText("not in this table", (left + right) / 2, bottom / 2);
+  }
   seen.forEach((spectra, which) => {
     const xs = spectra.nm.map(px);
     line(context, xs, spectra.emission.map(py), ink("--emission-ink"), which > 0);

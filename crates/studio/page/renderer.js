@@ -34,8 +34,10 @@ const ENOUGH = 4096;
 /** Milliseconds without a change after which a finer resolution is rendered, and that one pass of it may take. */
 const SETTLED_MS = 140;
 const SETTLED_PASS_MS = 500;
-/** Samples at that resolution before the full one, where the processor is too slow for it. */
+/** Samples at that resolution before the full one, where the processor is too slow for it; and those of a finer resolution from which it is
+ * shown in place of a coarser one. */
 const SETTLED_SAMPLES = 48;
+const SHOWN_SAMPLES = 16;
 const MOST_RECTANGLES = 8;
 const MOST_SPHERES = 32;
 /** Rows of paths that are traced at once. */
@@ -58,6 +60,8 @@ class Film {
     this.back = new Target(gl, width, height);
     this.front.clear();
     this.passes = 0;
+    /** Change of the picture that it shows. */
+    this.stamp = -1;
     /** Rows of the current pass that are done. */
     this.rows = 0;
     this.samples = 0;
@@ -92,6 +96,8 @@ export class Renderer {
     this.environment = null;
     this.exposure = 1;
     this.background = [0, 0, 0];
+    /** Of the canvas beside pictures, in sRGB. */
+    this.surround = [0, 0, 0];
     /** Pixels a millisecond, as measured. */
     this.rate = 400;
     this.changed = 0;
@@ -157,6 +163,13 @@ export class Renderer {
     this.stamp++;
     this.changed = performance.now();
     this.wake();
+  }
+
+  /** Shows what there is in a canvas of another size, until it is rendered in that size. */
+  stretch() {
+    if (this.slots.length !== this.pictures.length) return;
+    this.pictures.forEach((picture, k) => (picture.slot = this.slots[k]));
+    this.redraw();
   }
 
   /** Draws the canvas again without rendering anew. */
@@ -338,6 +351,9 @@ export class Renderer {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
+    gl.disable(gl.SCISSOR_TEST);
+    gl.clearColor(this.surround[0], this.surround[1], this.surround[2], 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
     gl.enable(gl.SCISSOR_TEST);
     for (const { slot, film } of this.pictures) {
       gl.scissor(slot.clip[0], slot.clip[1], slot.clip[2], slot.clip[3]);
@@ -415,9 +431,11 @@ export class Renderer {
       const took = Math.max(performance.now() - begun, 0.2);
       this.rate += 0.3 * (Math.min(done / took, 2e6) - this.rate);
       this.frameMs = took;
-      if (picture.next && picture.next.passes > 0) {
+      const { next } = picture;
+      // What is coarse but smooth stays until the finer one is; what shows another state goes at once.
+      if (next && next.passes > 0 && (next.stamp !== picture.film.stamp || next.samples >= Math.min(SHOWN_SAMPLES, picture.film.samples))) {
         picture.film.delete();
-        picture.film = picture.next;
+        picture.film = next;
         picture.next = null;
       }
       if (stamp === this.stamp && film.rows === 0 && (film.samples < 4 || performance.now() - shown > 40)) {
@@ -441,6 +459,7 @@ export class Renderer {
     this.pictures = this.slots.map((slot, k) => {
       const [, , width, height] = slot.area.map((x) => Math.max(1, Math.round(x * scale)));
       const film = new Film(this.gl, width, height);
+      film.stamp = this.stamp;
       const before = old[k];
       before?.next?.delete();
       return before ? { slot, film: before.film, next: film } : { slot, film, next: null };

@@ -152,10 +152,10 @@ export const LIGHTS = {
     title: "Diffuse table (aurora)",
     lights: (azimuth, elevation) => ({
       rectangles: [
-        { corner: [-2.4, -2.4, -1.002], u: [4.8, 0, 0], v: [0, 4.8, 0], radiance: [0.75, 0.75, 0.75], seen: true },
-        facing(azimuth, elevation, 5.5, 1.2, 1.2, 1.4),
+        { corner: [-7, -6, -1.002], u: [14, 0, 0], v: [0, 14, 0], radiance: [0.62, 0.62, 0.62], seen: true },
+        facing(azimuth, elevation, 5.5, 1.6, 1.6, 5),
       ],
-      sky: { kind: 2, zenith: [0.2, 0.2, 0.21], horizon: [0.09, 0.09, 0.095], seen: true },
+      sky: { kind: 2, zenith: [0.16, 0.165, 0.175], horizon: [0.34, 0.34, 0.345], seen: true },
     }),
   },
   sky: { title: "Soft sky", lights: () => ({ rectangles: [], sky: { kind: 1, seen: false } }) },

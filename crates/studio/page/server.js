@@ -2,6 +2,16 @@
  * The server of `pearl studio`: what it was started with, bakes, and exports. The page has it where its address holds a token.
  *
  * @typedef {Object<string, any>} Recipe
+ *
+ * @typedef {object} Material of the library
+ * @property {string} name
+ * @property {unknown} n its index, as recipes have it once they are read
+ * @property {[number, number] | null} index n and k in the middle of the visible range
+ * @property {number} from_nm
+ * @property {number} to_nm
+ * @property {string} source
+ *
+ * @typedef {{name: string, ending: string, description: string}} Format of an export
  */
 
 import { readNpz } from "nacre/npz.js";
@@ -52,7 +62,7 @@ export class Server {
     return answer;
   }
 
-  /** @returns {Promise<{recipe: Recipe | null, name: string, recipes: {name: string, recipe: Recipe, source?: string}[], version: string}>} */
+  /** @returns {Promise<{recipe: Recipe | null, name: string, recipes: {name: string, recipe: Recipe}[], materials: Material[], formats: Format[]}>} */
   async state() {
     return (await this.ask("state")).json();
   }

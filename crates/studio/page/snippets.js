@@ -19,7 +19,8 @@ export function mitsubaSnippet(side, file) {
     <float name="brightness" value="${short(side.brightness)}"/>
     <float name="coherence" value="${short(side.coherence)}"/>
     <rgb name="body_color" value="${rgb(side.body_rgb)}"/>
-    <rgb name="tint" value="${rgb(side.tint_rgb)}"/>
+    <rgb name="tint" value="${rgb(side.tint_rgb)}"/>${side.thickness === 1 ? "" : `
+    <float name="thickness" value="${short(side.thickness)}"/>`}
 </bsdf>`;
 }
 
@@ -33,5 +34,10 @@ export function pythonSnippet(side, file) {
 
 table = nacre.Table("${file}")
 pearl = nacre.Pearl(table, depth=${short(side.depth)}, brightness=${short(side.brightness)}, coherence=${short(side.coherence)},
-                    body_color=${list(side.body_rgb)}, tint=${list(side.tint_rgb)})`;
+                    body_color=${list(side.body_rgb)}, tint=${list(side.tint_rgb)}${side.thickness === 1 ? "" : `, thickness=${short(side.thickness)}`})`;
+}
+
+/** @param {string} file */
+export function blenderSnippet(file) {
+  return `lut export ${file} --to blender -o ${file.replace(/\.exr$/, "")}-blender.py`;
 }

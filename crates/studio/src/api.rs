@@ -2,8 +2,7 @@
 
 use crate::bakery::{self, Baked, Bakery, Clock, Order, Quality, Unbaked};
 use crate::guard::Refusal;
-use crate::page;
-use crate::{Start, StudioError};
+use crate::{Start, StudioError, errors, page};
 use bake_brdf::recipe::{BUILT_IN, Recipe, built_in};
 use http_body_util::Full;
 use hyper::body::Bytes;
@@ -13,17 +12,20 @@ use lut_io::exr_file;
 use lut_io::table::Table;
 use pearl_bsdf::export::npz::{self, Form};
 use pearl_bsdf::export::{Export as Exported, Format};
-use pearl_bsdf::{PearlBsdf, Prepared};
+use pearl_bsdf::{Array, PearlBsdf, Prepared};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use thinfilm::library::{self, Entry};
 
 const BYTES: &str = "application/octet-stream";
 const JSON: &str = "application/json";
 const SECONDS: HeaderName = HeaderName::from_static("x-nacre-seconds");
 /// Milliseconds of the parts; browsers show them beside the request.
 const TIMING: HeaderName = HeaderName::from_static("server-timing");
+/// Wavelength at which the indices of materials are shown, nm: the default of a recipe's lobe.
+const SHOWN_NM: f64 = 550.0;
 /// Longest name of a file that is handed out, characters.
 const LONGEST_NAME: usize = 60;
 
@@ -91,12 +93,15 @@ impl Studio {
         };
         let recipes = BUILT_IN.iter().filter_map(|(name, text)| {
             let recipe = Recipe::from_json(text).ok()?;
-            let sources: Vec<&str> = recipe.sources.values().map(String::as_str).collect();
-            Some(json!({ "name": name, "recipe": recipe.to_json(), "source": sources.join("; ") }))
+            Some(json!({ "name": name, "recipe": recipe.to_json() }))
         });
         json!({
             "name": recipe["name"],
             "recipes": recipes.collect::<Vec<_>>(),
+            "materials": library::entries().iter().map(material).collect::<Vec<_>>(),
+            "formats": Format::ALL.map(|format| {
+                json!({ "name": format.name(), "ending": format.ending(), "description": format.description() })
+            }),
             "version": env!("CARGO_PKG_VERSION"),
             "recipe": recipe,
         })
@@ -176,6 +181,15 @@ impl Studio {
     }
 }
 
+/// A material of the library: its index as recipes have it once they are read, and n and k at [`SHOWN_NM`].
+fn material(entry: &Entry) -> Value {
+    let index = entry.n.at(1e-9 * SHOWN_NM).ok();
+    json!({
+        "name": entry.name, "n": entry.n, "source": entry.source,
+        "from_nm": entry.from_nm, "to_nm": entry.to_nm, "index": index,
+    })
+}
+
 /// What the server was started with, as soon as it can be had.
 fn initial(start: &Start) -> Result<Baked, String> {
     match start {
@@ -191,7 +205,8 @@ fn initial(start: &Start) -> Result<Baked, String> {
             let table = Arc::new(table.clone());
             let prepared = Prepared::new(Arc::clone(&table)).map_err(|why| why.to_string())?;
             clock.stop("prepare");
-            Ok(Baked { table, prepared: Arc::new(prepared), parts: clock.parts })
+            let errors = errors::arrays(&table).into();
+            Ok(Baked { table, prepared: Arc::new(prepared), errors, parts: clock.parts })
         }
     }
 }
@@ -248,7 +263,9 @@ fn served_page() -> Answer {
 
 fn arrays(baked: &Baked) -> Answer {
     let mut clock = Clock::start();
-    let bytes = npz::encode(&baked.prepared.arrays(), Form::Whole);
+    let arrays: Vec<Array> =
+        baked.prepared.arrays().into_iter().chain(baked.errors.iter().cloned()).collect();
+    let bytes = npz::encode(&arrays, Form::Whole);
     let bytes = bytes.map_err(|why| Refusal::new(StatusCode::INTERNAL_SERVER_ERROR, why.to_string()))?;
     clock.stop("arrays");
     let mut response = with(BYTES, bytes);

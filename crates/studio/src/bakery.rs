@@ -1,11 +1,12 @@
 //! One bake at a time; a later order overtakes earlier ones.
 
+use crate::errors;
 use bake_brdf::bake::{self, BakeError, Observer, Request};
-use bake_brdf::effects::{Effect, View};
+use bake_brdf::effects::{Effect, Setting, View};
 use bake_brdf::options::{Options, SolverChoice, Target};
-use bake_brdf::recipe::{AzimuthMode, Recipe};
+use bake_brdf::recipe::{AzimuthMode, Look, Recipe};
 use lut_io::table::Table;
-use pearl_bsdf::Prepared;
+use pearl_bsdf::{Array, Prepared};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -44,6 +45,8 @@ pub(crate) struct Order {
 pub(crate) struct Baked {
     pub(crate) table: Arc<Table>,
     pub(crate) prepared: Arc<Prepared>,
+    /// Error bars; none of a coarse one.
+    pub(crate) errors: Vec<Array>,
     /// Seconds of its parts, one after the other.
     pub(crate) parts: Vec<(&'static str, f64)>,
 }
@@ -176,7 +179,7 @@ impl Counter {
 pub(crate) fn bake(order: &Order, stop: &AtomicBool) -> Answer {
     let mut clock = Clock::start();
     let go_on = || if stop.load(Ordering::Relaxed) { Err(Unbaked::Overtaken) } else { Ok(()) };
-    let request = request(order)?;
+    let request = request(order, stop)?;
     clock.stop("plan");
     go_on()?;
     let table = Arc::new(bake::bake(&request, &Observer { stop, ..Observer::idle() })?);
@@ -187,8 +190,12 @@ pub(crate) fn bake(order: &Order, stop: &AtomicBool) -> Answer {
         Quality::Fine => Prepared::new(Arc::clone(&table)),
     };
     let prepared = Arc::new(prepared.map_err(|error| Unbaked::Refused(error.to_string()))?);
+    let errors = match order.quality {
+        Quality::Coarse => Vec::new(),
+        Quality::Fine => errors::arrays(&table).into(),
+    };
     clock.stop("prepare");
-    Ok(Baked { table, prepared, parts: clock.parts })
+    Ok(Baked { table, prepared, errors, parts: clock.parts })
 }
 
 /// Measures parts of a work.
@@ -209,8 +216,21 @@ impl Clock {
     }
 }
 
+/// A recipe's pearl as a page shows it, with its controls within reach: a table holds the colours that they mix in.
+fn controlled(look: &Look) -> View {
+    let control = || "a control".to_owned();
+    let within = |value: f64| Setting::new(value.clamp(0.5, 1.0), control());
+    View {
+        depth: Setting::new(0.5, control()),
+        brightness: within(look.brightness),
+        coherence: within(look.coherence),
+        body: Setting::new(None, control()),
+        ..View::of_look(look)
+    }
+}
+
 /// The request of an order that does not take too long.
-fn request(order: &Order) -> Result<Request, BakeError> {
+fn request(order: &Order, stop: &AtomicBool) -> Result<Request, BakeError> {
     let coarse = Options {
         azimuth: Some(AzimuthMode::Decay),
         incident_deg: Some(COARSE_DEG.to_vec()),
@@ -227,7 +247,7 @@ fn request(order: &Order) -> Result<Request, BakeError> {
             (Options { solver: Some(SolverChoice::Doubling), ..options }, FINE_SECONDS)
         }
     };
-    let (recipe, decisions) = options.decide(order.recipe.clone(), &View::of_look(&order.recipe.look))?;
+    let (recipe, decisions) = options.decide(order.recipe.clone(), &controlled(&order.recipe.look))?;
     let mut effects = decisions.set();
     if order.quality == Quality::Coarse {
         effects = effects.without(Effect::Dispersion).without(Effect::Thickness);
@@ -238,16 +258,21 @@ fn request(order: &Order) -> Result<Request, BakeError> {
         AzimuthMode::Space => SPACE_CELLS,
     };
     let placed = Options { incident_deg: coarse.incident_deg, cells: Some(cells), ..options.clone() };
-    let placed = Request::of(recipe.clone(), effects, placed)?;
-    let bands = placed.bands()?;
-    let seconds = bake::forecast(&placed, &bands, SolverChoice::Doubling, &Observer::idle())?.seconds;
+    let placed = Request::of_unless(stop, recipe.clone(), effects, placed)?;
+    let bands = placed.bands_unless(stop)?;
+    let observer = Observer { stop, ..Observer::idle() };
+    let seconds = bake::forecast(&placed, &bands, SolverChoice::Doubling, &observer)?.seconds;
     if seconds > most {
         let percent = if order.quality == Quality::Coarse { COARSE_ACCURACY } else { FINE_ACCURACY };
         return Err(BakeError::Input(format!(
             "recipe: would take about {seconds:.0} s to {percent} %, expected at most {most:.0} s here; `bake-brdf` takes the time that it needs"
         )));
     }
-    if order.quality == Quality::Coarse { Ok(placed) } else { Request::of(recipe, effects, options) }
+    if order.quality == Quality::Coarse {
+        Ok(placed)
+    } else {
+        Request::of_unless(stop, recipe, effects, options)
+    }
 }
 
 #[cfg(test)]

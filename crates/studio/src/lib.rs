@@ -2,6 +2,7 @@
 
 mod api;
 mod bakery;
+mod errors;
 mod guard;
 pub mod page;
 mod server;

@@ -1,18 +1,21 @@
 //! The page: files that are embedded, served one by one, or put together as one.
 
-use crate::StudioError;
+use crate::{StudioError, errors};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use lut_io::table::Table;
 use pearl_bsdf::export::npz::{self, Form};
 use pearl_bsdf::{Array, Prepared};
 use serde_json::{Map, Value};
 use sha2::{Digest as _, Sha256};
+use std::sync::Arc;
 
 /// Names, with `/` between folders, and contents.
 const FILES: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/page.rs"));
 
 const IMPORT_MAP: &str = "<!-- importmap -->";
 const STYLE: &str = "<!-- style -->";
+const TITLE: &str = "<title>Nacre</title>";
 const BODY_END: &str = "</body>";
 /// A page of its own asks nobody for anything.
 const ALONE: &str = "default-src 'none'; script-src 'unsafe-inline' data:; style-src 'unsafe-inline'; img-src data: blob:; \
@@ -47,23 +50,28 @@ pub(crate) fn policy(html: &str) -> String {
     )
 }
 
-/// The page as one file that needs no server, with a table in it: curves of colours in half precision, without what only an evaluation at
+/// The page as one file that needs no server, with a table and what was prepared of it in it: curves of colours in half precision, without what only an evaluation at
 /// single wavelengths reads.
 ///
 /// # Errors
 /// A build without the page.
-pub fn alone(prepared: &Prepared) -> Result<String, StudioError> {
+pub fn alone(table: &Arc<Table>, prepared: &Prepared) -> Result<String, StudioError> {
     let html = index().ok_or(StudioError::NoPage)?;
     let module = |_: &str, bytes: &[u8]| format!("data:text/javascript;base64,{}", STANDARD.encode(bytes));
     let style = file("style.css").map_or("", |(bytes, _)| std::str::from_utf8(bytes).unwrap_or_default());
     let read = |array: &Array| !matches!(array.name, "albedo_spectral" | "rest_spectral");
-    let arrays: Vec<Array> = prepared.arrays().into_iter().filter(read).collect();
+    let arrays: Vec<Array> =
+        prepared.arrays().into_iter().filter(read).chain(errors::arrays(table)).collect();
     let data = npz::encode(&arrays, Form::Small).map_err(|why| StudioError::Arrays(why.to_string()))?;
     let data = STANDARD.encode(data);
     let data = format!(r#"<script id="nacre-data" type="application/octet-stream;base64">{data}</script>"#);
     let policy = format!(r#"<meta http-equiv="Content-Security-Policy" content="{ALONE}">"#);
     let head = format!("{policy}\n{}", import_map(module));
     let html = html.replace(IMPORT_MAP, &head).replace(STYLE, &format!("<style>\n{style}</style>"));
+    let html = match table.meta().recipe_name() {
+        Some(name) if !name.is_empty() => html.replace(TITLE, &format!("<title>{}</title>", escaped(name))),
+        _ => html,
+    };
     Ok(match html.rfind(BODY_END) {
         Some(at) => format!("{}{data}\n{}", &html[..at], &html[at..]),
         None => format!("{html}{data}\n"),
@@ -72,6 +80,11 @@ pub fn alone(prepared: &Prepared) -> Result<String, StudioError> {
 
 fn index() -> Option<&'static str> {
     std::str::from_utf8(file("index.html")?.0).ok()
+}
+
+/// A name as text of a page.
+fn escaped(name: &str) -> String {
+    name.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 /// Bare names of the page's modules, `nacre/NAME`, by where each is.
@@ -93,6 +106,12 @@ fn inline_scripts(html: &str) -> impl Iterator<Item = &str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_page_has_a_title_that_its_recipe_names_and_no_markup_of_it() {
+        assert!(index().is_some_and(|html| html.contains(TITLE)));
+        assert_eq!(escaped("</title><script>&"), "&lt;/title&gt;&lt;script&gt;&amp;");
+    }
 
     #[test]
     fn inline_scripts_are_allowed_by_their_hashes_and_no_others() {

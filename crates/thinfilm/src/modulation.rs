@@ -2,6 +2,7 @@
 //! bands of wavelengths and as linear sRGB.
 
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::colour::{self, Xyz};
 use crate::emission::{self, SourceProfile};
@@ -60,17 +61,19 @@ pub struct Scaled {
 
 /// M at angles (radians): the coherent reflectance of unpolarised light over R_incoherent, one positive number an angle
 /// ([`crate::intensity::incoherent`]). At most 1/R_incoherent, so that what is multiplied by it reflects no more than it receives.
+/// Stops soon after `stop` is set, from anywhere.
 ///
 /// # Errors
-/// As [`Stack::draw`] and [`dense::spectra`].
+/// As [`Stack::draw`] and [`dense::spectra`]; [`StackError::Stopped`].
 pub fn modulation(
+    stop: &AtomicBool,
     stack: &Stack,
     incoherent: &[f64],
     angles: &[f64],
     sampling: Sampling,
 ) -> Result<Vec<Banded>, StackError> {
     let wavelengths = sampling.wavelengths();
-    let coherent = Means::new(stack, sampling, angles.len(), |member| {
+    let coherent = Means::new(stop, stack, sampling, angles.len(), |member| {
         let spectra = dense::spectra_for_means(member, &wavelengths, angles, None)?;
         Ok((0..angles.len()).map(|at| spectra.unpolarised_reflectance(at)).collect())
     })?;
@@ -82,18 +85,19 @@ pub fn modulation(
 }
 
 /// Ê at angles (radians, below 90°): [`emission::radiance`] with unit mean over the visible bands, so that the hue goes with the view
-/// and the brightness stays with the base. 1 where nothing comes out.
+/// and the brightness stays with the base. 1 where nothing comes out. Stops soon after `stop` is set, from anywhere.
 ///
 /// # Errors
-/// As [`emission::radiance`].
+/// As [`emission::radiance`]; [`StackError::Stopped`].
 pub fn emission(
+    stop: &AtomicBool,
     stack: &Stack,
     profile: SourceProfile,
     angles: &[f64],
     sampling: Sampling,
 ) -> Result<Vec<Banded>, StackError> {
     let wavelengths = sampling.wavelengths();
-    let radiance = Means::new(stack, sampling, angles.len(), |member| {
+    let radiance = Means::new(stop, stack, sampling, angles.len(), |member| {
         emission::of_member(member, profile, &wavelengths, angles)
     })?;
     let ends = sampling.ends();
@@ -180,6 +184,7 @@ impl Banded {
 impl Means {
     /// Of the spectra of each member, rows of angles.
     fn new(
+        stop: &AtomicBool,
         stack: &Stack,
         sampling: Sampling,
         angles: usize,
@@ -193,6 +198,9 @@ impl Means {
             is_irregular: stack.is_irregular(),
         };
         let of = |member: &Stack| -> Result<Vec<(Vec<f64>, Xyz)>, StackError> {
+            if stop.load(Ordering::Relaxed) {
+                return Err(StackError::Stopped);
+            }
             let with_colour = |row: Vec<f64>| {
                 let colour = colour::xyz(sampling.visible(&row));
                 (row, colour)

@@ -89,6 +89,9 @@ pub enum StackError {
     /// A wave has no answer.
     #[error(transparent)]
     Wave(#[from] WaveError),
+    /// It is not wanted any more.
+    #[error("stopped")]
+    Stopped,
 }
 
 impl Stack {

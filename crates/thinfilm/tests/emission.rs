@@ -1,9 +1,10 @@
 //! The emission by reciprocity against sheets of current that radiate.
 
 use num_complex::Complex64;
+use std::sync::atomic::AtomicBool;
 use thinfilm::emission::{SourceProfile, radiance};
 use thinfilm::modulation::{self, Sampling};
-use thinfilm::{Incidence, Layer, Material, Multilayer, Polarisation, Run, Stack};
+use thinfilm::{Incidence, Layer, Material, Multilayer, Polarisation, Run, Stack, StackError};
 
 fn pearl(sd: f64, k: f64) -> Stack {
     let material = |n| Material { k, ..Material::constant(n) };
@@ -122,16 +123,19 @@ fn the_emission_has_unit_mean_and_the_modulation_is_bounded_to_grazing() {
     let stack = pearl(0.03, 0.0);
     let sampling = Sampling { bands: 10, beyond: [0; 2], per_band: 4, members: 4, seed: 1 };
     let profile = SourceProfile::Exponential { depth: 5e-6 };
-    for row in modulation::emission(&stack, profile, &[0.0, 1.2], sampling).unwrap() {
+    let never = AtomicBool::new(false);
+    for row in modulation::emission(&never, &stack, profile, &[0.0, 1.2], sampling).unwrap() {
         assert!((row.bands.iter().sum::<f64>() / 10.0 - 1.0).abs() < 1e-12);
         assert!(row.bands.iter().all(|e| *e > 0.0));
     }
     let (angles, incoherent) = ([0.0, 1.0, std::f64::consts::FRAC_PI_2], [0.2, 0.3, 1.0]);
-    let rows = modulation::modulation(&stack, &incoherent, &angles, sampling).unwrap();
+    let rows = modulation::modulation(&never, &stack, &incoherent, &angles, sampling).unwrap();
     for (row, incoherent) in rows.iter().zip(incoherent) {
         let reflected = row.bands.iter().chain(&row.rgb).map(|m| m * incoherent);
         assert!(reflected.into_iter().all(|r| (0.0..=1.0 + 1e-12).contains(&r)), "{row:?}");
     }
+    let stopped = modulation::modulation(&AtomicBool::new(true), &stack, &incoherent, &angles, sampling);
+    assert!(matches!(stopped, Err(StackError::Stopped)));
     // All light is reflected at 90°.
     assert!(rows[2].bands.iter().all(|m| (m - 1.0).abs() < 1e-9), "{:?}", rows[2]);
 }

@@ -6,6 +6,7 @@ use proptest::prelude::*;
 use rand::SeedableRng as _;
 use rand::rngs::StdRng;
 use rayon::prelude::*;
+use std::sync::atomic::AtomicBool;
 use thinfilm::emission::SourceProfile;
 use thinfilm::{
     Gain, Incidence, Layer, Material, Multilayer, Polarisation, Response, Run, Stack, StackLayer, StackRun,
@@ -306,10 +307,11 @@ proptest! {
             }
         }
         let sampling = modulation::Sampling { bands: 3, beyond: [0; 2], per_band: 2, members: 2, seed };
+        let never = AtomicBool::new(false);
         for profile in [SourceProfile::Uniform, SourceProfile::Substrate, SourceProfile::Exponential { depth: finite(width) }] {
             let rows = [
-                modulation::modulation(&stack, &[0.5], &[theta], sampling),
-                modulation::emission(&stack, profile, &[theta], sampling),
+                modulation::modulation(&never, &stack, &[0.5], &[theta], sampling),
+                modulation::emission(&never, &stack, profile, &[theta], sampling),
             ];
             prop_assert!(rows.iter().flatten().flatten().all(|row| row.bands.iter().chain(&row.rgb).all(|x| !x.is_nan())));
             if let Ok(emission) = emission::radiance(&stack, profile, seed, 2, &waves, &[theta]) {

@@ -7,12 +7,13 @@
 //! of bands rests on it: every band is then solved as a bake of that wavelength alone would be.
 
 use super::cells::{cell_shares, exit_axis};
-use super::{BakeError, COARSEST_DOUBLING, Request};
+use super::{BakeError, COARSEST_DOUBLING, NEVER, Request, go_on};
 use crate::effects::Effect;
 use crate::prices;
 use crate::recipe::Recipe;
 use crate::spectra;
 use rayon::prelude::*;
+use std::sync::atomic::AtomicBool;
 use thinfilm::{Dispersion, colour};
 use transport::doubling::{self, Settings};
 use transport::{Geometry, Light, Transport};
@@ -96,14 +97,22 @@ impl Request {
     /// # Errors
     /// A bad request.
     pub fn bands(&self) -> Result<Bands, BakeError> {
+        self.bands_unless(&NEVER)
+    }
+
+    /// [`Self::bands`], which stops soon after `stop` is set, from anywhere.
+    ///
+    /// # Errors
+    /// As [`Self::bands`]; [`BakeError::Interrupted`].
+    pub fn bands_unless(&self, stop: &AtomicBool) -> Result<Bands, BakeError> {
         self.options.check()?;
         if !self.is_dispersed() {
             return Ok(Bands::own(&self.recipe));
         }
         let share = self.options.target.share();
         let settings = cheap_settings(&self.transport()?, share);
-        match chosen(self, share, settings.as_ref()) {
-            Err(BakeError::Doubling(_)) => chosen(self, share, None),
+        match chosen(stop, self, share, settings.as_ref()) {
+            Err(BakeError::Doubling(_)) => chosen(stop, self, share, None),
             bands => bands,
         }
     }
@@ -144,12 +153,17 @@ fn angles() -> Vec<f64> {
     ANGLES_DEG.iter().map(|degrees| degrees.to_radians()).collect()
 }
 
-fn chosen(request: &Request, share: f64, settings: Option<&Settings>) -> Result<Bands, BakeError> {
+fn chosen(
+    stop: &AtomicBool,
+    request: &Request,
+    share: f64,
+    settings: Option<&Settings>,
+) -> Result<Bands, BakeError> {
     let own = request.recipe.light.wavelength_nm;
     let nodes = looked_at(request);
-    let solved: Result<Vec<Lobes>, BakeError> =
-        nodes.par_iter().map(|nm| lobes(&request.at_wavelength(*nm), settings)).collect();
-    let (further_nm, worst) = choose(&nodes, &solved?, own, share);
+    let at = |nm: &f64| go_on(stop).and_then(|()| lobes(&request.at_wavelength(*nm), settings));
+    let solved = nodes.par_iter().map(at).collect::<Result<Vec<Lobes>, BakeError>>()?;
+    let (further_nm, worst) = choose(&nodes, &solved, own, share);
     // Three digits are more than it is good for, and hide in which order a machine's matrix products add.
     let interpolation_percent = crate::three_digits(100.0 * worst);
     Ok(Bands { own_nm: own, further_nm, interpolation_percent })

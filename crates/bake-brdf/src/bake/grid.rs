@@ -4,6 +4,7 @@ use super::{BakeError, COARSEST_DOUBLING, Request, bands, exit_axis, placing};
 use crate::options::{OptionError, check_incidences};
 use lut_io::axis::ExitAxis;
 use serde::{Deserialize, Serialize};
+use std::sync::atomic::AtomicBool;
 use transport::doubling::{DoublingError, Operator, Settings, Solution};
 use transport::{Geometry, Light, Transport};
 
@@ -68,11 +69,11 @@ impl Grid {
     }
 
     /// The grid that a request asks for: its own incidences or as few as its accuracy takes, and as few cells as that takes. A
-    /// function of the request alone.
+    /// function of the request alone. Stops soon after `stop` is set.
     ///
     /// # Errors
-    /// A bad request.
-    pub(super) fn of(request: &Request) -> Result<Self, BakeError> {
+    /// A bad request; [`BakeError::Interrupted`].
+    pub(super) fn of(stop: &AtomicBool, request: &Request) -> Result<Self, BakeError> {
         let options = &request.options;
         options.check()?;
         let transport = request.transport()?;
@@ -99,20 +100,24 @@ impl Grid {
         // What is left of a lobe's ringing is missed between any cells and rows: then the lobes have to be finer, and the solver.
         for attempt in 0..ATTEMPTS {
             let finer = FINER * shares[0].min(shares[1]) * FINER.powi(attempt as i32);
-            let solved = problems.iter().map(|transport| lobes(transport, geometry, &first, finer));
+            let solved = problems.iter().map(|transport| lobes(stop, transport, geometry, &first, finer));
             let solved = solved.collect::<Result<Vec<_>, BakeError>>()?;
             let Some(solved) = solved.into_iter().collect::<Option<Vec<_>>>() else { break };
             let faintest = solved.iter().map(|lobes| lobes.faintest).fold(1.0, f64::min);
-            let needed = solved.iter().map(|lobes| placing::cells(&first, azimuth, shares[1], &lobes.probed));
+            let needed =
+                solved.iter().map(|lobes| placing::cells(stop, &first, azimuth, shares[1], &lobes.probed));
             let (axis, between_cells) = match options.cells {
                 Some(_) => (first, 0.0),
-                None => needed.max_by_key(|(axis, _)| axis.cells()).unwrap_or((first, 0.0)),
+                None => {
+                    let needed = needed.collect::<Result<Vec<_>, BakeError>>()?;
+                    needed.into_iter().max_by_key(|(axis, _)| axis.cells()).unwrap_or((first, 0.0))
+                }
             };
             let operators = solved.iter().map(|lobes| &lobes.operator);
             let (grid, between_rows) = match options.incident_deg {
                 Some(_) => (listed(axis), 0.0),
                 None => {
-                    let (incident_deg, missed) = placing::rows(&axis, azimuth, shares[0], operators)?;
+                    let (incident_deg, missed) = placing::rows(stop, &axis, azimuth, shares[0], operators)?;
                     (Self { incident_deg, axis, refinements: 0 }, missed)
                 }
             };
@@ -129,8 +134,8 @@ impl Grid {
 }
 
 /// What decides the grid of one problem.
-struct Lobes {
-    operator: Operator,
+struct Lobes<'s> {
+    operator: Operator<'s>,
     /// Solved at the probes of the cells.
     probed: Solution,
     /// By how much they are finer for the sake of their faintest component.
@@ -138,19 +143,20 @@ struct Lobes {
 }
 
 /// Lobes to decide a grid of such an axis by, to such an accuracy within bounds; none where they cost too much.
-fn lobes(
+fn lobes<'s>(
+    stop: &'s AtomicBool,
     transport: &Transport,
     geometry: Geometry,
     axis: &ExitAxis,
     finer: f64,
-) -> Result<Option<Lobes>, BakeError> {
+) -> Result<Option<Lobes<'s>>, BakeError> {
     let probes = placing::probes(axis);
-    let solved = |finer: f64, faintest: f64| -> Result<Option<Lobes>, BakeError> {
+    let solved = |finer: f64, faintest: f64| -> Result<Option<Lobes<'s>>, BakeError> {
         let settings = Settings::for_accuracy(transport, geometry, (finer * faintest).max(LOBE_SHARES[0]));
         if settings.cost(transport, geometry, SOLVED).seconds > AFFORDABLE {
             return Ok(None);
         }
-        let operator = match Operator::new(transport, geometry, &settings) {
+        let operator = match Operator::new_unless(stop, transport, geometry, &settings) {
             Err(DoublingError::Domain { .. } | DoublingError::TooCostly { .. }) => return Ok(None),
             operator => operator?,
         };

@@ -1,7 +1,7 @@
 //! What the recipe of a table implies without a bake: interface 0 and its single reflection, the colours, the name.
 
 use super::cells::CellRule;
-use super::{BakeError, Request, assemble, reproduce};
+use super::{BakeError, NEVER, Request, assemble, reproduce};
 use crate::options::SolverChoice;
 use crate::spectra;
 use lut_io::axis::ExitAxis;
@@ -101,7 +101,7 @@ fn single_reflection(request: &Request, table: &Table) -> Result<Option<Finding>
 /// Colours of the recipe against those of the table, and R_incoherent of further bands.
 fn colours(request: &Request, table: &Table) -> Result<Finding, BakeError> {
     let meta = table.meta();
-    let implied = request.colours()?.section();
+    let implied = request.colours(&NEVER)?.section();
     let mut worst = Worst::of(table);
     let mut same = |found: &[f64], implied: &[f64]| {
         let largest = implied.iter().fold(f64::MIN_POSITIVE, |most: f64, x| most.max(x.abs()));

@@ -58,7 +58,7 @@ pub enum BakeError {
     Effects(#[from] EffectError),
     /// Interference colours.
     #[error(transparent)]
-    Spectra(#[from] SpectraError),
+    Spectra(SpectraError),
     /// Something else that cannot be done; one line that says what would be right.
     #[error("{0}")]
     Input(String),
@@ -79,6 +79,23 @@ impl From<DoublingError> for BakeError {
     }
 }
 
+impl From<SpectraError> for BakeError {
+    fn from(error: SpectraError) -> Self {
+        match error {
+            SpectraError::Stopped => Self::Interrupted,
+            other => Self::Spectra(other),
+        }
+    }
+}
+
+/// Of what nobody stops.
+pub(crate) static NEVER: AtomicBool = AtomicBool::new(false);
+
+/// Refuses to go on once it is not wanted any more.
+fn go_on(stop: &AtomicBool) -> Result<(), BakeError> {
+    if stop.load(Ordering::Relaxed) { Err(BakeError::Interrupted) } else { Ok(()) }
+}
+
 /// Watches a bake, and can stop it.
 pub struct Observer<'a> {
     /// Set from anywhere (a signal handler) to stop at the next task.
@@ -95,13 +112,12 @@ impl Observer<'_> {
     /// Watches nothing.
     #[must_use]
     pub const fn idle() -> Self {
-        static NEVER: AtomicBool = AtomicBool::new(false);
         Self { stop: &NEVER, progress: &|_| (), forecast: &|_| (), checkpoint: None }
     }
 
     /// Whether the bake is still wanted.
     pub(crate) fn go_on(&self) -> Result<(), BakeError> {
-        if self.stop.load(Ordering::Relaxed) { Err(BakeError::Interrupted) } else { Ok(()) }
+        go_on(self.stop)
     }
 }
 
@@ -147,12 +163,12 @@ impl Progress<'_> {
 ///
 /// # Errors
 /// A bad request.
-fn lobeless(request: &Request) -> Result<Table, BakeError> {
+fn lobeless(stop: &AtomicBool, request: &Request) -> Result<Table, BakeError> {
     request.options.check()?;
     // Two incidences hold what there is to say.
     let request = request.at_incidences(vec![0.0, 90.0]);
     let dark = assemble::dark(&request, &request.transport()?, &request.exit_axis());
-    assemble::table(&request, vec![dark], None, &Bands::own(&request.recipe), &request.colours()?)
+    assemble::table(&request, vec![dark], None, &Bands::own(&request.recipe), &request.colours(stop)?)
 }
 
 /// Bakes a table: chooses bands and solver, solves, adds colours.
@@ -160,7 +176,7 @@ fn lobeless(request: &Request) -> Result<Table, BakeError> {
 /// # Errors
 /// As [`walk()`] and [`doubling()`]; where [`SolverChoice::Auto`] chose a doubling that does not reach its target, the walk's.
 pub fn bake(request: &Request, observer: &Observer<'_>) -> Result<Table, BakeError> {
-    let bands = request.bands()?;
+    let bands = request.bands_unless(observer.stop)?;
     if solver(request, &bands)? == SolverChoice::Doubling {
         match doubling_watched(request, &bands, observer) {
             Err(BakeError::Doubling(_)) if may_walk(request) => {}
@@ -192,14 +208,14 @@ fn doubling_watched(request: &Request, bands: &Bands, observer: &Observer<'_>) -
         if both_sides {
             return refuse("the effects leave no lobe; expected surface or blur among them");
         }
-        return lobeless(request);
+        return lobeless(observer.stop, request);
     }
     let percent = doubled_percent(request)?;
     if both_sides && !bands.further_nm.is_empty() {
         return refuse("holds one wavelength; expected effects without dispersion");
     }
     // Before the lobe, so that a refusal comes before the work.
-    let colours = request.colours()?;
+    let colours = request.colours(observer.stop)?;
     let axis = request.exit_axis();
     let mut second_side = None;
     let mut solved = Vec::new();
@@ -278,11 +294,11 @@ pub fn walk(
     resume: Option<Snapshot>,
 ) -> Result<Table, BakeError> {
     if !request.effects.has_lobe() {
-        return lobeless(request);
+        return lobeless(observer.stop, request);
     }
     let mut sampling = Sampling::of(request, bands, Shard::WHOLE)?;
     // Before the lobe, so that a refusal comes before the work.
-    let colours = request.colours()?;
+    let colours = request.colours(observer.stop)?;
     let result = walk_target(request, &mut sampling, observer, resume);
     if let (Err(BakeError::Interrupted), Some(checkpoint)) = (&result, &observer.checkpoint) {
         (checkpoint.keep)(&sampling.state());
@@ -353,8 +369,9 @@ pub fn forecast(
 ) -> Result<Forecast, BakeError> {
     let lobe = lobe_forecast(request, bands, solver, observer)?;
     let threads = rayon::current_num_threads() as f64;
-    let colours: f64 =
-        spectra::forecast(&request.recipe, request.wanted_colours(), request.colour_accuracy()).iter().sum();
+    let (wanted, accuracy) = (request.wanted_colours(), request.colour_accuracy());
+    let colours: f64 = spectra::forecast(observer.stop, &request.recipe, wanted, accuracy).iter().sum();
+    observer.go_on()?;
     Ok(Forecast { seconds: lobe.seconds + colours / threads + prices::OVERHEAD_SECONDS, ..lobe })
 }
 
@@ -407,6 +424,7 @@ fn doubling_seconds(request: &Request, transports: &[Transport], percent: f64) -
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::{Effect, EffectSet};
     use crate::options::Options;
     use crate::recipe::Recipe;
 
@@ -439,5 +457,36 @@ mod tests {
         let made = assemble::doubled(&request, &transport, &axis, &solution, &observer);
         assert!(matches!(made, Err(BakeError::Interrupted)));
         assert!(assemble::doubled(&request, &transport, &axis, &solution, &Observer::idle()).is_ok());
+    }
+
+    #[test]
+    fn rows_cells_bands_and_colours_are_not_looked_for_once_they_are_not_wanted() {
+        let glassy = r#"{"stack":{"layers":9,"aragonite":{"n":{"cauchy":[1.52,0.02]},"thickness_sd_nm":5}},"look":{"depth":0.5}}"#;
+        let recipe = Recipe::from_json(glassy).unwrap();
+        let effects = [Effect::Surface, Effect::Blur, Effect::Coherent, Effect::Emission, Effect::Dispersion];
+        let effects: EffectSet = effects.into_iter().collect();
+        let stopped = AtomicBool::new(true);
+        let of = |stop: &AtomicBool, options: &Options| {
+            Request::of_unless(stop, recipe.clone(), effects, options.clone())
+        };
+        let given = |incident_deg, cells| Options {
+            incident_deg,
+            cells,
+            target: Target::AccuracyPercent(5.0),
+            ..Options::default()
+        };
+        let (rows, cells) = (Some(vec![0.0, 60.0]), Some([20, 10]));
+        for options in [given(rows.clone(), None), given(None, cells), given(None, None)] {
+            assert!(of(&NEVER, &options).is_ok());
+            assert!(matches!(of(&stopped, &options), Err(BakeError::Interrupted)));
+        }
+        let request = of(&stopped, &given(rows, cells)).unwrap();
+        assert!(matches!(request.bands_unless(&stopped), Err(BakeError::Interrupted)));
+        assert!(matches!(request.colours(&stopped), Err(BakeError::Interrupted)));
+        assert!(request.bands_unless(&NEVER).is_ok() && request.colours(&NEVER).is_ok());
+        let observer = Observer { stop: &stopped, ..Observer::idle() };
+        let bands = Bands::own(&recipe);
+        let foretold = forecast(&request, &bands, SolverChoice::Doubling, &observer);
+        assert!(matches!(foretold, Err(BakeError::Interrupted)));
     }
 }

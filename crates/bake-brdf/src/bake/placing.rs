@@ -4,12 +4,13 @@
 //! some forty incidences, rows go where every interval gets an equal share of ∫√κ, and lobes solved half-way between them say what was
 //! reached. Reading between cells misses a share that falls with the square of their number.
 
-use super::BakeError;
 use super::reading::{self, Look, Missed, Sample};
+use super::{BakeError, go_on};
 use crate::recipe::Azimuth;
 use lut_io::axis::ExitAxis;
 use rayon::prelude::*;
 use std::f64::consts::FRAC_PI_2;
+use std::sync::atomic::AtomicBool;
 use transport::doubling::{Operator, Solution, component_scale};
 
 /// Incidences from which the bend of the lobes is known.
@@ -48,10 +49,16 @@ pub(super) fn faintest(solution: &Solution) -> f64 {
 
 /// The coarsest axis of which reading between cells misses at most `share` at the [`probes`] that were solved, as far as there is one,
 /// and what it misses.
-pub(super) fn cells(first: &ExitAxis, azimuth: Azimuth, share: f64, probed: &Solution) -> (ExitAxis, f64) {
-    let missed = |axis: &ExitAxis| {
-        let probes = (0..CELL_PROBES).into_par_iter();
-        probes.map(|i| reading::between_cells(axis, azimuth, probed, i).worst()).reduce(|| 0.0, f64::max)
+pub(super) fn cells(
+    stop: &AtomicBool,
+    first: &ExitAxis,
+    azimuth: Azimuth,
+    share: f64,
+    probed: &Solution,
+) -> Result<(ExitAxis, f64), BakeError> {
+    let missed = |axis: &ExitAxis| -> Result<f64, BakeError> {
+        let at = |i| go_on(stop).map(|()| reading::between_cells(axis, azimuth, probed, i).worst());
+        (0..CELL_PROBES).into_par_iter().map(at).try_reduce(|| 0.0, |a, b| Ok(a.max(b)))
     };
     let even = |cells: f64| (2 * (0.5 * cells).ceil() as usize).clamp(FEWEST_CELLS, MOST_CELLS);
     let width = first.width();
@@ -63,12 +70,12 @@ pub(super) fn cells(first: &ExitAxis, azimuth: Azimuth, share: f64, probed: &Sol
         ExitAxis::Space { theta_cells: even(theta), phi_cells: even(phi), width }
     };
     let mut cells = [FIRST_CELLS as f64, 0.5 * FIRST_CELLS as f64];
-    let mut found = missed(&axis(cells));
+    let mut found = missed(&axis(cells))?;
     if !plane {
         // What either dimension gives: halve it, and three quarters of its part come on top. Cells are fewest where both are equal.
         let [theta, phi] = cells;
-        let parts =
-            [[0.5 * theta, phi], [theta, 0.5 * phi]].map(|halved| (missed(&axis(halved)) - found).max(0.0));
+        let part = |halved| missed(&axis(halved)).map(|halved| (halved - found).max(0.0));
+        let parts = [part([0.5 * theta, phi])?, part([theta, 0.5 * phi])?];
         let sum = (parts[0] + parts[1]).max(f64::MIN_POSITIVE);
         let stretch = parts.map(|part| (2.0 * part / sum).sqrt().clamp(0.5, 2.0));
         cells = [theta * stretch[0], phi * stretch[1]];
@@ -80,25 +87,27 @@ pub(super) fn cells(first: &ExitAxis, azimuth: Azimuth, share: f64, probed: &Sol
             break;
         }
         cells = cells.map(|cells| cells * scale);
-        found = missed(&axis(cells));
+        found = missed(&axis(cells))?;
     }
-    (axis(cells), found)
+    Ok((axis(cells), found))
 }
 
 /// Places rows, degrees, so that what reading between them misses is at most `share` where that is possible, for the problem
 /// whose lobes bend most; and what is missed.
 pub(super) fn rows<'o>(
+    stop: &AtomicBool,
     axis: &ExitAxis,
     azimuth: Azimuth,
     share: f64,
-    problems: impl Iterator<Item = &'o Operator>,
+    problems: impl Iterator<Item = &'o Operator<'o>>,
 ) -> Result<(Vec<f64>, f64), BakeError> {
-    let sampled = |operator: &Operator, theta_i: &[f64]| -> Result<Vec<Sample>, BakeError> {
+    let sampled = |operator: &Operator<'_>, theta_i: &[f64]| -> Result<Vec<Sample>, BakeError> {
         let solution = operator.solve(theta_i)?;
-        Ok((0..theta_i.len()).into_par_iter().map(|i| Sample::new(axis, azimuth, &solution, i)).collect())
+        let sample = |i| go_on(stop).map(|()| Sample::new(axis, azimuth, &solution, i));
+        (0..theta_i.len()).into_par_iter().map(sample).collect()
     };
     let scouts = spread_out(SCOUTS, axis.width());
-    let mut most: Option<(&'o Operator, Vec<Sample>, Bend)> = None;
+    let mut most: Option<(&'o Operator<'o>, Vec<Sample>, Bend)> = None;
     for operator in problems {
         let samples = sampled(operator, &scouts)?;
         let bend = Bend::of(axis, &samples);

@@ -6,7 +6,7 @@
 
 use super::grid::MOST_REFINEMENTS;
 use super::sampling::{Sampling, Shard};
-use super::{BakeError, Grid, Observer, Request, assemble};
+use super::{BakeError, Grid, NEVER, Observer, Request, assemble};
 use crate::effects::{Effect, EffectSet, Effects};
 use crate::options::{DEFAULT_EVENT_CAP, Options, Sides, SolverChoice, Target};
 use crate::recipe::Recipe;
@@ -137,7 +137,7 @@ fn bake_as_walked(meta: &Meta, observer: &Observer<'_>) -> Result<Table, BakeErr
     let paths: Vec<u64> = meta.per_incidence.iter().chain(further).map(|at| at.paths).collect();
     let mut sampling = Sampling::of(&request, &bands, Shard::WHOLE)?;
     sampling.walk_to(&paths, observer)?;
-    assemble::walk_table(&request, &bands, &sampling, &request.colours()?)
+    assemble::walk_table(&request, &bands, &sampling, &request.colours(&NEVER)?)
 }
 
 /// Every key of the metadata and every channel in which two tables are not the same bit for bit.

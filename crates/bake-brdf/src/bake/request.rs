@@ -1,11 +1,12 @@
 //! A request: a recipe, what of it is baked, and how well.
 
-use super::{BakeError, Grid, exit_axis};
+use super::{BakeError, Grid, NEVER, exit_axis};
 use crate::effects::{Effect, EffectSet, Effects, View};
 use crate::options::{Options, Sides, SolverChoice};
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::spectra::{self, Colours, Wanted};
 use lut_io::axis::ExitAxis;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 use transport::{Geometry, Light, Transport};
 
@@ -43,6 +44,19 @@ impl Request {
     /// # Errors
     /// A bad request.
     pub fn of(recipe: Recipe, effects: EffectSet, options: Options) -> Result<Self, BakeError> {
+        Self::of_unless(&NEVER, recipe, effects, options)
+    }
+
+    /// [`Self::of`], which stops soon after `stop` is set, from anywhere.
+    ///
+    /// # Errors
+    /// As [`Self::of`]; [`BakeError::Interrupted`].
+    pub fn of_unless(
+        stop: &AtomicBool,
+        recipe: Recipe,
+        effects: EffectSet,
+        options: Options,
+    ) -> Result<Self, BakeError> {
         let width = recipe.facets.slope_sd_deg.to_radians();
         let geometry = geometry_of(&recipe);
         let mut request = Self {
@@ -53,7 +67,7 @@ impl Request {
             placing_seconds: 0.0,
         };
         let started = Instant::now();
-        request.grid = Grid::of(&request)?;
+        request.grid = Grid::of(stop, &request)?;
         request.placing_seconds = started.elapsed().as_secs_f64();
         Ok(request)
     }
@@ -131,8 +145,8 @@ impl Request {
     }
 
     /// The interference colours that the effects call for.
-    pub(super) fn colours(&self) -> Result<Colours, BakeError> {
-        Ok(spectra::of(&self.recipe, self.wanted_colours(), self.colour_accuracy())?)
+    pub(super) fn colours(&self, stop: &AtomicBool) -> Result<Colours, BakeError> {
+        Ok(spectra::of(stop, &self.recipe, self.wanted_colours(), self.colour_accuracy())?)
     }
 
     /// The colour difference ΔE00 to which colours are wanted: a unit for each per cent of the lobe's accuracy, within bounds.

@@ -5,7 +5,7 @@
 //! the same bits as one uninterrupted bake.
 
 use super::sampling::{Sampling, Shard, State};
-use super::{BakeError, Grid, Observer, Request, assemble};
+use super::{BakeError, Grid, NEVER, Observer, Request, assemble};
 use crate::effects::{EffectSet, Effects};
 use crate::options::{OptionError, Options, Target};
 use crate::recipe::Recipe;
@@ -266,7 +266,7 @@ pub fn merge(shards: &[(String, Snapshot)]) -> Result<Table, BakeError> {
     }
     let idle = Observer::idle();
     sampling.resume(state, &idle)?;
-    assemble::walk_table(&request, &bands, &sampling, &request.colours()?)
+    assemble::walk_table(&request, &bands, &sampling, &request.colours(&NEVER)?)
 }
 
 /// Walks one shard of a bake and gives its snapshot.
@@ -289,7 +289,7 @@ pub fn walk_shard(request: &Request, shard: Shard, observer: &Observer<'_>) -> R
     }
     if matches!(request.options.effects, Effects::Listed(_)) {
         // A listed colour that the stack cannot have is refused here, not after all shards are walked.
-        request.colours()?;
+        request.colours(&NEVER)?;
     }
     let mut sampling = Sampling::of(request, &request.bands()?, shard)?;
     sampling.walk_to_paths(paths, observer)?;

@@ -4,6 +4,7 @@ use crate::args::{PageArgs, StudioArgs};
 use bake_brdf::recipe::{self, Recipe};
 use pearl_bsdf::Prepared;
 use std::path::Path;
+use std::sync::Arc;
 use studio::{Server, Settings, Start, StudioError, page};
 use terminal::{Manners, Outcome, Stop};
 
@@ -42,10 +43,10 @@ fn start(path: &Path) -> Result<Start, Stop> {
 
 /// Writes the page.
 pub(crate) fn write_page(args: &PageArgs, manners: &Manners) -> Outcome {
-    let table = nacre_cli::read_table(&args.table)?;
+    let table = Arc::new(nacre_cli::read_table(&args.table)?);
     let bad = |why: &dyn std::fmt::Display| Stop::bad_input(format!("{}: {why}", args.table.display()));
-    let prepared = Prepared::new(table).map_err(|why| bad(&why))?;
-    let html = page::alone(&prepared).map_err(Stop::failure)?;
+    let prepared = Prepared::new(Arc::clone(&table)).map_err(|why| bad(&why))?;
+    let html = page::alone(&table, &prepared).map_err(Stop::failure)?;
     nacre_cli::write_file(&args.output, html.as_bytes())?;
     nacre_cli::print_files("pearl-page/1", std::slice::from_ref(&args.output), manners)
 }

@@ -23,7 +23,8 @@ pub struct Array {
 const VERSION: f64 = 1.0;
 
 impl Array {
-    fn new(name: &'static str, shape: &[usize], values: impl IntoIterator<Item = f32>) -> Self {
+    /// An array; as many values as the product of the shape.
+    pub fn new(name: &'static str, shape: &[usize], values: impl IntoIterator<Item = f32>) -> Self {
         let values: Vec<f32> = values.into_iter().collect();
         debug_assert_eq!(values.len(), shape.iter().product::<usize>(), "{name}");
         Self { name, shape: shape.to_vec(), values }

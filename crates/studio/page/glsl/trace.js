@@ -227,6 +227,9 @@ void main() {
   oFilm = texelFetch(uFilm, pixel, 0) + vec4(sum, float(uLanes));
 }`;
 
+/** Light up to which a film is shown as it is: brighter light nears white without a change of hue. */
+const SHOULDER = "0.6";
+
 /** Shows a film: its mean, exposed, in sRGB. */
 export const SHOW = `
 uniform sampler2D uFilm;
@@ -248,7 +251,9 @@ void main() {
   vec2 t = p - vec2(i);
   vec3 light = size == uView.zw ? at(ivec2(round(p)))
     : mix(mix(at(i), at(i + ivec2(1, 0)), t.x), mix(at(i + ivec2(0, 1)), at(i + 1), t.x), t.y);
-  light = clamp(light * uExposure, 0.0, 1.0);
+  light = max(light * uExposure, 0.0);
+  float most = max(light.r, max(light.g, light.b));
+  if (most > ${SHOULDER}) light *= (1.0 - (1.0 - ${SHOULDER}) * exp((${SHOULDER} - most) / (1.0 - ${SHOULDER}))) / most;
   vec3 colour = mix(12.92 * light, 1.055 * pow(light, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, light));
   oColour = vec4(colour, 1.0);
 }`;

@@ -116,23 +116,24 @@ fn solve_side(
 }
 
 /// A stack at one resolution, solved for light from any direction above: further incidences cost a few products each.
-pub struct Operator {
-    plan: Plan<'static>,
+pub struct Operator<'s> {
+    plan: Plan<'s>,
     modes: Vec<Mode>,
 }
 
-impl Operator {
-    /// Solves the stack; [`Settings::both_sides`] does not matter.
+impl<'s> Operator<'s> {
+    /// Solves the stack, and stops soon after `stop` is set, from anywhere; [`Settings::both_sides`] does not matter.
     ///
     /// # Errors
-    /// As [`solve`].
-    pub fn new(
+    /// As [`solve`]; [`DoublingError::Stopped`].
+    pub fn new_unless(
+        stop: &'s AtomicBool,
         transport: &Transport,
         geometry: Geometry,
         settings: &Settings,
     ) -> Result<Self, DoublingError> {
         settings.check(transport, geometry, &[])?;
-        let plan = Plan::new(&NEVER, transport, geometry, settings)?;
+        let plan = Plan::new(stop, transport, geometry, settings)?;
         let modes = (0..settings.modes_in(geometry)).into_par_iter().map(|mode| plan.mode(mode));
         let modes = modes.collect::<Result<_, _>>()?;
         Ok(Self { plan, modes })
@@ -141,13 +142,14 @@ impl Operator {
     /// The lobes of some incidences, radians: to the bit what [`solve`] finds.
     ///
     /// # Errors
-    /// An incidence beyond \[0, π/2\].
+    /// An incidence beyond \[0, π/2\]; [`DoublingError::Stopped`].
     pub fn solve(&self, theta_i: &[f64]) -> Result<Solution, DoublingError> {
         let Plan { transport, settings, grid, .. } = &self.plan;
         settings::check_stack(transport, theta_i)?;
         let incident = self.plan.incident(theta_i);
         let modes = self.modes.par_iter().enumerate();
-        let results = modes.map(|(k, mode)| mode.solve(&incident, k)).collect();
+        let solved = modes.map(|(k, mode)| self.plan.go_on().map(|()| mode.solve(&incident, k)));
+        let results = solved.collect::<Result<_, DoublingError>>()?;
         Ok(Solution::assemble(transport, theta_i, *settings, grid.clone(), &incident, results))
     }
 }
@@ -547,6 +549,8 @@ mod tests {
         assert!(plan.mode(0).is_ok());
         stop.store(true, Ordering::Relaxed);
         assert_eq!(plan.mode(1).err(), Some(DoublingError::Stopped));
+        let operator = Operator::new_unless(&stop, &transport, Geometry::Space, &settings);
+        assert_eq!(operator.err(), Some(DoublingError::Stopped));
         let again = Plan::new(&stop, &transport, Geometry::Space, &settings);
         assert_eq!(again.err(), Some(DoublingError::Stopped));
         for both_sides in [false, true] {
