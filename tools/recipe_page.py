@@ -14,21 +14,23 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 HEAD = """\
 # Recipes: reference
 
-<!-- Written by tools/recipe_page.py; edit the schema (crates/bake-brdf/src/recipe.rs) or a recipe. -->
+<!-- Written by tools/recipe_page.py: edit crates/bake-brdf/src/recipe.rs or a recipe. -->
 
-A recipe says what a pearl is made of, as JSON. Every key is optional; a key that is left out keeps the
-default below. Unknown keys and values out of range are refused with one line that names the field.
+A recipe says what a pearl is made of, as JSON. Every key is optional; a key that is left out keeps
+the default below. Unknown keys and values out of range are refused with one line that names the
+field.
 
 ```json
 { "name": "thin", "stack": { "layers": 20 }, "look": { "coherence": 0.8 } }
 ```
 
-`bake-brdf schema` prints the JSON Schema that this page is made of. Editors complete and check by it.
+`bake-brdf schema` prints the JSON Schema that this page is made of. Editors complete and check by
+it.
 
 ## Fields
 
-The defaults are the paper's pearl. Sources are those of the built-in recipe `paper`; the source of a
-group stands in its own row.
+The defaults are the paper's pearl. Sources are those of the built-in recipe `paper`; the source of
+a group stands in its own row.
 """
 
 UNITS = {"_nm": "nm", "_deg": "degrees"}

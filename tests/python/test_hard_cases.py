@@ -111,8 +111,9 @@ def test_every_hard_case_of_the_plugin_has_its_answer(variant, table):
 def write(rows):
     before = DOCS.read_text().split(HEADING)[0].rstrip()
     about = (
-        "Written by `NACRE_WRITE_DOCS=1 .venv/bin/python -m pytest tests/python/test_hard_cases.py` from `tests/data/hard_plugin.json`: the variant\n"
-        "`llvm_ad_rgb`, in single precision, on the paper's pearl in decay mode; values and densities are compared."
+        "Written by `NACRE_WRITE_DOCS=1 .venv/bin/python -m pytest tests/python/test_hard_cases.py` from\n"
+        "`tests/data/hard_plugin.json`: the variant `llvm_ad_rgb`, in single precision, on the paper's\n"
+        "pearl in decay mode; values and densities are compared."
     )
     head = "| case | why it is hard | answer | from | naive code | gives | ours | error |\n|---|---|---|---|---|---|---|---|"
     DOCS.write_text("\n".join([before, "", HEADING, "", about, "", head, *rows, ""]))

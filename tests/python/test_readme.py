@@ -1,35 +1,50 @@
-"""The commands of the README run as printed, one after another in one plain shell that starts in the checkout."""
+"""The commands of the README run as printed."""
 
-import os
 import pathlib
 import re
 import shutil
 import subprocess
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
+import printed
+import pytest
+from built import ROOT
+
 README = (ROOT / "README.md").read_text()
 # This very test runs inside it.
 NOT_RUN = "cargo xtask test"
-# What a login shell of a machine with Rust has; what these variables say differs from machine to machine.
-PLAIN = {"HOME", "CARGO_HOME", "RUSTUP_HOME", "RUSTUP_TOOLCHAIN", "SSL_CERT_FILE", "LANG"}
+BLOCKS = printed.blocks("README.md")
+# What installs the package: these tests run beside the same wheel, and test_package.py installs it in a fresh environment.
+INSTALLS = "pip install"
 
 
-def test_the_commands_of_the_readme_run_as_printed():
-    script = "\n".join(re.findall(r"```sh\n(.*?)```", README, re.S))
-    lines = [line for line in script.splitlines() if line.split("#")[0].strip() != NOT_RUN]
-    assert len(lines) == len(script.splitlines()) - 1
-    pearls = ROOT / "pearls"
-    shutil.rmtree(pearls, ignore_errors=True)
+def test_the_two_commands_and_the_build_run_in_the_checkout():
+    checkout = [block for block in BLOCKS if "cargo" in block]
+    assert len(checkout) == 2
+    lines = [line for line in "\n".join(checkout).splitlines() if line.split("#")[0].strip() != NOT_RUN]
+    assert len(lines) == len("\n".join(checkout).splitlines()) - 1
     (ROOT / "pearl.exr").unlink(missing_ok=True)
     cargo = pathlib.Path(shutil.which("cargo")).parent
-    env = {name: value for name, value in os.environ.items() if name in PLAIN} | {"PATH": f"{cargo}:/usr/local/bin:/usr/bin:/bin"}
-    shell = ["bash", "--noprofile", "--norc", "-e", "-x", "-o", "pipefail", "-c", "\n".join(lines)]
-    done = subprocess.run(shell, cwd=ROOT, env=env, capture_output=True, text=True, timeout=1200)
-    # The last line that the shell echoes is the one that failed.
-    assert done.returncode == 0, done.stderr[-3000:]
-    assert (ROOT / "pearl.exr").stat().st_size > 100_000 and "total variation" in done.stdout
-    assert (pearls / "merged.exr").is_file()
-    shutil.rmtree(pearls)
+    said = printed.run("\n".join([*lines, "pearl --version"]), ROOT, printed.environment(cargo), 1200)
+    assert (ROOT / "pearl.exr").stat().st_size > 100_000 and "total variation" in said
+    # What to look at next runs, too.
+    after = [line.split("  ")[-1] for line in said.splitlines() if line.endswith("pearl.exr") and line.startswith("  ")]
+    assert "lut info pearl.exr" in after and "pearl studio pearl.exr" in after
+
+
+@pytest.mark.parametrize("door", ["artists", "opticians", "developers"])
+def test_a_door_is_five_lines_that_run_in_an_empty_folder(door, tmp_path):
+    section = re.search(rf"^## For {door}\n(.*?)^## ", README, re.S | re.M)[1]
+    (block,) = re.findall(r"^```sh\n(.*?)^```", section, re.S | re.M)
+    assert len(block.splitlines()) == 5
+    said = printed.run(block, tmp_path, printed.installed())
+    # The last line of a door, and what its fourth left behind.
+    assert {"artists": "http://127.0.0.1:", "opticians": "figures/", "developers": "]"}[door] in said.splitlines()[-1], said
+    assert printed.files(tmp_path)[{"artists": "akoya.html", "opticians": "fine.exr", "developers": "lobe.csv"}[door]] > 1_000
+
+
+def test_every_block_is_run():
+    doors = [block for block in BLOCKS if "cargo" not in block and INSTALLS not in block]
+    assert len(doors) == 3 and len(BLOCKS) == 6
 
 
 def test_commands_package_and_tests_share_what_is_compiled():

@@ -370,7 +370,7 @@ def test_what_each_effect_changes_is_seen_in_a_picture():
     assert "acts on blur alone" in changes["polarisation"]["not_shown"] and changes["blur"]["delta_e"] == 0
 
 
-PAGES = [ROOT / "docs" / "EFFECTS.md", ROOT / "docs" / "PLUGIN.md", SCENES / "README.md"]
+PAGES = [ROOT / "docs" / "PLUGIN.md", SCENES / "README.md"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

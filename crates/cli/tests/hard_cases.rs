@@ -777,9 +777,9 @@ const PLUGIN: &str = "## The Mitsuba plugin";
 fn every_hard_case_has_its_answer() {
     let cases = catalogue();
     let mut table = String::from(
-        "# Hard cases\n\nWritten by `NACRE_WRITE_DOCS=1 cargo test --release -p nacre-cli --test hard_cases` from \
-         `tests/data/hard_transport.json`; the naive\nvariants stand in `crates/cli/tests/hard_cases/naive.rs`. Albedos at \
-         σ = 2° in the plane unless the case says otherwise; s.e.: in standard\nerrors of the difference.\n\n\
+        "# Hard cases\n\nWritten by `NACRE_WRITE_DOCS=1 cargo test --release -p nacre-cli --test hard_cases` from\n\
+         `tests/data/hard_transport.json`; the naive variants stand in\n`crates/cli/tests/hard_cases/naive.rs`. Albedos at \
+         σ = 2° in the plane unless the case says\notherwise; s.e.: in standard errors of the difference.\n\n\
          | case | why it is hard | answer | from | naive code | gives | ours | error |\n|---|---|---|---|---|---|---|---|\n",
     );
     let mut failed = Vec::new();
