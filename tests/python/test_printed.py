@@ -1,6 +1,7 @@
 """The commands of the pages run as printed, each page in a plain shell and an empty folder; the notebook runs as it was written."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,7 @@ PAGES = {
     "docs/CPP.md": ["pearl.bsdf", "eval_bsdf"],
     "docs/THINFILM.md": ["spectrum.json", "swatch.png"],
     "docs/EFFECTS.md": ["plain.exr", "p.json"],
+    "docs/GALLERY.md": ["tahitian.html"],
     "crates/cli/README.md": ["p.html"],
 }
 #: Pages whose blocks are run elsewhere, or not: what they say takes an hour, other machines, or this very test.
@@ -79,3 +81,21 @@ def test_the_notebook_says_what_it_said():
         ]
 
     assert text(now) == text(stored), "python tools/notebook.py docs/examples/notebook.py -o docs/pearl.ipynb"
+
+
+def test_the_gallery_has_every_picture():
+    page = (ROOT / "docs" / "GALLERY.md").read_text(encoding="utf-8")
+    script = (ROOT / "crates" / "python" / "examples" / "gallery.py").read_text(encoding="utf-8")
+    shown = re.findall(r"!\[[^\]]+\]\(images/([\w-]+)\.jpg\)", page)
+    assert len(shown) == len(set(shown)) >= 2
+    for name in shown:
+        path = ROOT / "docs" / "images" / f"{name}.jpg"
+        assert 5_000 < path.stat().st_size <= 300_000, path
+        assert name.removeprefix("sweep-") in script, name
+
+
+@pytest.mark.parametrize("tool", ["bake-brdf", "lut", "pearl", "thinfilm"])
+def test_the_short_help_fits_a_screen(tool):
+    short, long = run(tool, "-h").splitlines(), run(tool, "--help").splitlines()
+    assert len(short) <= 50 and max(map(len, short)) <= 101
+    assert len(long) >= len(short)

@@ -1,4 +1,16 @@
 #![doc = include_str!("../README.md")]
+//!
+//! # Rooms
+//!
+//! - [`recipe`]: what a pearl is made of, and the built-in ones; [`options`]: what of it to bake, and how well;
+//! - [`effects`]: which effects a table holds, with a reason for each; [`plan`]: what they cost;
+//! - [`bake`]: the bake itself, forecasts, shards and checkpoints; [`tally`]: exits of a walk, in any order the same bits;
+//! - [`spectra`]: the colours of interference; [`study`]: what accuracy costs in time.
+//!
+//! # Errors
+//!
+//! Every error is one line that names the field, the value and what would be right: [`recipe::RecipeError`],
+//! [`options::OptionError`], [`bake::BakeError`]. Nothing panics on bad input.
 
 pub mod bake;
 pub mod effects;
