@@ -33,6 +33,20 @@ The defaults are the paper's pearl. Sources are those of the built-in recipe `pa
 a group stands in its own row.
 """
 
+REFERENCES = """
+## References
+
+- Murr and Ramirez 2012: *The Microstructure of the Cultured Freshwater Pearl*, JOM.
+- Myagkaya, Zhou and Fan 2021: nacre nanostructure by its structural color pattern, Scientific
+  Reports 11.
+- Ozaki et al. 2021: *Structural colors of pearls*, Scientific Reports 11, 15224.
+- Pfaff and Reynders 1999: *Angle-dependent optical effects deriving from submicron structures of
+  films and pigments*, Chemical Reviews 99.
+- Salman et al. 2021: *Hyperspectral interference tomography of nacre*, PNAS 118.
+- Zhang et al. 2009: *Unique Optical Reflection Spectra of Bivalve Nacre and Its Origin*,
+  Spectroscopy and Spectral Analysis 29, 1186.
+"""
+
 UNITS = {"_nm": "nm", "_deg": "degrees"}
 
 
@@ -137,7 +151,7 @@ def page(schema, recipes):
             value = value_at(recipe, field)
             value = "" if isinstance(value, (dict, list)) else shown(value)
             text.append(f"| `{field}` | {value} | {wrapped(source)} |")
-    return "\n".join(text) + "\n"
+    return "\n".join(text) + "\n" + REFERENCES
 
 
 def wrap(text, width=96):
