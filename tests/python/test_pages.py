@@ -1,5 +1,6 @@
 """How the Markdown pages read: sentences, digits, lines, links, spelling. `python tests/python/test_pages.py` lists what to mend."""
 
+import functools
 import pathlib
 import re
 import subprocess
@@ -134,15 +135,18 @@ def broken_links(page, text):
     return broken
 
 
+#: Made once: it reads a large file.
+dictionary = functools.cache(SpellChecker)
+
+
 def misspelt(text):
-    dictionary = SpellChecker()
     found = set()
     for block in blocks(text):
         for word in re.findall(r"[^\W\d_]+(?:['’][^\W\d_]+)?", re.sub(r"\S*[\d_/=]\S*", " ", prose(block))):
             plain = word.replace("’", "'").removesuffix("'s")
             if len(plain) > 2 and plain not in ("CODE", "ADDRESS") and not plain.isupper():
                 found.add(plain)
-    return sorted(word for word in dictionary.unknown(found) if word not in OURS and word.capitalize() not in OURS)
+    return sorted(word for word in dictionary().unknown(found) if word not in OURS and word.capitalize() not in OURS)
 
 
 def read(page):
