@@ -13,9 +13,10 @@ import ctypes
 import pathlib
 
 import mitsuba as mi
-import nacre.mitsuba  # noqa: F401
 import numpy as np
 from PIL import Image
+
+import nacre.mitsuba  # noqa: F401
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 RECIPES = ROOT / "data" / "recipes"
