@@ -278,6 +278,24 @@ def test_a_sheet_wastes_little_of_the_stage(open_page):
         for k, (x, y, w, h) in enumerate(tiles):
             apart = (tiles[:, 0] >= x + w) | (tiles[:, 0] + tiles[:, 2] <= x) | (tiles[:, 1] >= y + h) | (tiles[:, 1] + tiles[:, 3] <= y)
             assert np.delete(apart, k).all(), count
+    # A pearl that is replaced while the plots look at it is not asked for.
+    page.evaluate("""async () => {
+      const { page } = nacre;
+      nacre.set({ view: "split" });
+      const plotted = () => new Promise((resolve) => {
+        const ledger = document.getElementById("ledger");
+        new MutationObserver((_, observer) => { observer.disconnect(); resolve(); }).observe(ledger, { childList: true });
+      });
+      for (let k = 0; k < 3; k++) {
+        page.onupdate();
+        await plotted();
+        page.onupdate();
+        await new Promise((resolve) => setTimeout(resolve, 62));
+        page.pearls.take("b", page.pearls.of.a.table);
+        await plotted();
+      }
+    }""")
+    assert page.messages == []
     # A table of one thickness says so.
     assert page.get_by_text("fixed in this table").is_visible()
     page.context.close()

@@ -118,7 +118,12 @@ function start() {
       if (seen.length === 0 || page.gl.isContextLost()) break;
       /** @type {import("nacre/plots.js").Facts[]} */
       const facts = [];
-      for (const pearl of seen) facts.push(await factsOf(pearl, angle));
+      for (const pearl of seen) if (!pearl.deleted) facts.push(await factsOf(pearl, angle));
+      if (facts.length < seen.length) {
+        // A bake has put another in its place meanwhile.
+        plotAgain = true;
+        continue;
+      }
       plotLobe(/** @type {HTMLCanvasElement} */ (find("lobe")), facts);
       plotSpectra(/** @type {HTMLCanvasElement} */ (find("spectra")), facts);
       const most = Math.max(...facts.flatMap(({ ledger }) => ledger.map(({ share }) => share)), 0.01);

@@ -27,6 +27,8 @@ export class Pearl {
     this.look = table.look;
     /** @type {Shown} */
     this.shown = ALL_SHOWN;
+    /** Whether its textures are gone. */
+    this.deleted = false;
     this.upload();
   }
 
@@ -79,6 +81,7 @@ export class Pearl {
   }
 
   delete() {
+    this.deleted = true;
     for (const made of Object.values(this.textures)) this.gl.deleteTexture(made);
   }
 }

@@ -503,6 +503,7 @@ export class Renderer {
       const film = new Film(this.gl, width, height);
       let lanes = 1;
       while (film.samples < samples) {
+        if (pearl.deleted) throw new Error("the pearl was baked anew while it was rendered");
         // As many paths at once as there is room for: no piece is so long that a driver gives up.
         if (film.rows === 0) lanes = Math.max(1, Math.min(Math.floor(MOST_PATHS / (width * height)), samples - film.samples));
         this.trace(film, pearl, world, height, lanes, seed);
