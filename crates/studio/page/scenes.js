@@ -155,7 +155,7 @@ export const LIGHTS = {
         { corner: [-7, -6, -1.002], u: [14, 0, 0], v: [0, 14, 0], radiance: [0.62, 0.62, 0.62], seen: true },
         facing(azimuth, elevation, 5.5, 1.6, 1.6, 5),
       ],
-      sky: { kind: 2, zenith: [0.16, 0.165, 0.175], horizon: [0.34, 0.34, 0.345], seen: true },
+      sky: { kind: 2, zenith: [0.12, 0.125, 0.135], horizon: [0.62, 0.62, 0.62], seen: true },
     }),
   },
   sky: { title: "Soft sky", lights: () => ({ rectangles: [], sky: { kind: 1, seen: false } }) },
