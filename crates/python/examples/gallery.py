@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Renders the pictures of docs/GALLERY.md with the Mitsuba plugin.
 
-    gallery.py -o docs/images                every picture, about an hour on two cores
+    gallery.py -o docs/images                every picture, a minute or two each
     gallery.py -o docs/images strand golden  some of them
     gallery.py -o proofs --draft             all of them, small and noisy
 
