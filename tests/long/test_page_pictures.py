@@ -1,6 +1,6 @@
-"""The page of `pearl studio` renders what the plugin renders: part of `cargo xtask long`, about half an hour on two cores.
+"""The page of `pearl studio` renders what the plugin renders: part of `cargo xtask long`, up to half an hour on two cores.
 
-Recipes, looks and scenes of the issue: sphere and sheet, environment, area and point light, coherence and depth 0 and 1, the
+Sphere and sheet, environment, area and point light, coherence and depth 0 and 1, the
 paper's pearl, Akoya, and a space table.
 """
 
