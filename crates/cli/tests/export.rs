@@ -316,13 +316,19 @@ fn what_cannot_be_exported_is_refused_in_one_line_and_harms_nothing() {
     let absent = folder.join("absent.exr");
     let nowhere = folder.join("no/such/folder.bsdf");
     let old_path = old.to_str().unwrap();
-    let cases: [(&[&str], i32, &str); 7] = [
+    let cases: [(&[&str], i32, &str); 8] = [
         (&[table, "--to", "bsdf-xyz", "-o", old_path], 2, "bsdf-xyz"),
         (&[table, "-o", old_path], 2, "--to"),
         (&[table, "--to", "merl"], 2, "--output"),
         (&[damaged, "--to", "merl", "-o", old_path], 2, "damaged.exr"),
         (&[absent.to_str().unwrap(), "--to", "merl", "-o", old_path], 2, "absent.exr"),
         (&[table, "--to", "merl", "-o", nowhere.to_str().unwrap()], 1, "no/such"),
+        // A made-up table without interference colours.
+        (
+            &[table, "--to", "blender", "-o", old_path],
+            2,
+            "spectra: are missing, expected interference colours",
+        ),
         // Its own table would be written over.
         (&[table, "--to", "merl", "-o", table], 2, "--output"),
     ];

@@ -2,6 +2,7 @@
 
 use crate::{Direction, PearlBsdf};
 use rayon::prelude::*;
+use thinfilm::colour;
 
 /// Angles of incidence of the comparison, degrees: every 10°, on the nodes of a file and between them, and towards grazing.
 pub const THETA_I_DEG: [f64; 15] =
@@ -47,6 +48,71 @@ pub fn measure(
             RoundTrip { theta_i_deg, error_percent: percent(apart), bias_percent: percent(surplus) }
         })
         .collect()
+}
+
+/// Pixels across the sphere of a preview, and directions of light a pixel.
+const SIZE: u32 = 24;
+const LIGHTS: u32 = 512;
+
+/// Colours of a small picture, of a file against those of the BSDF: ΔE00 with the brightest hundredth of its values at white.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Preview {
+    /// Mean of the pixels.
+    pub mean: f64,
+    /// 95 of 100 pixels are no farther.
+    pub most: f64,
+}
+
+/// A sphere under a sky with two lamps (those of tools/compare), of both, f·cos of the light in linear sRGB.
+pub fn preview(
+    bsdf: &PearlBsdf,
+    truth: impl Fn(Direction, Direction) -> [f64; 3] + Sync,
+    file: impl Fn(Direction, Direction) -> [f64; 3] + Sync,
+) -> Preview {
+    let pixel = |place: u32| {
+        let [x, y] = [place % SIZE, place / SIZE].map(|i| (2.0 * f64::from(i) + 1.0) / f64::from(SIZE) - 1.0);
+        let sin = x.hypot(y);
+        let cos = (1.0 - sin * sin).max(0.0).sqrt();
+        // The view is along z of the world, and in the plane of x and z of the surface.
+        let (wi, [a, b]) = ([sin, 0.0, cos], if sin > 0.0 { [x / sin, y / sin] } else { [1.0, 0.0] });
+        let mut seen = [[0.0; 3]; 2];
+        for n in 0..if cos > 0.0 { LIGHTS } else { 0 } {
+            let [u, v, w] = point(n);
+            let Some(sample) = bsdf.sample(wi, u, v, w) else { continue };
+            let [along, across, up] = sample.wo;
+            // Away from the axis, and along it.
+            let (out, z) = (up * sin - along * cos, up * cos + along * sin);
+            let light = sky([out * a - across * b, out * b + across * a, z]) / sample.pdf;
+            for (seen, rgb) in seen.iter_mut().zip([truth(wi, sample.wo), file(wi, sample.wo)]) {
+                (0..3).for_each(|c| seen[c] += light * rgb[c] / f64::from(LIGHTS));
+            }
+        }
+        (cos > 0.0).then_some(seen)
+    };
+    let pixels: Vec<[[f64; 3]; 2]> = (0..SIZE * SIZE).into_par_iter().filter_map(pixel).collect();
+    let mut values: Vec<f64> = pixels.iter().flat_map(|[truth, _]| *truth).collect();
+    let white = nearly_all(&mut values, 0.99).max(f64::MIN_POSITIVE);
+    let lab = |rgb: [f64; 3]| colour::lab(colour::xyz_of_linear_srgb(rgb.map(|x| x / white)));
+    let mut apart: Vec<f64> =
+        pixels.iter().map(|[truth, file]| colour::delta_e_2000(lab(*truth), lab(*file))).collect();
+    let mean = apart.iter().sum::<f64>() / apart.len().max(1) as f64;
+    Preview { mean, most: nearly_all(&mut apart, 0.95) }
+}
+
+/// The value that this share is below.
+fn nearly_all(values: &mut [f64], share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let place = (share * values.len() as f64) as usize;
+    values.get(place.min(values.len().saturating_sub(1))).copied().unwrap_or(0.0)
+}
+
+/// Radiance from a direction; the camera is at z.
+fn sky(d: Direction) -> f64 {
+    let lamp = |[x, y, z]: Direction, sharpness: f64| {
+        let length = (x * x + y * y + z * z).sqrt();
+        (sharpness * ((x * d[0] + y * d[1] + z * d[2]) / length - 1.0)).exp()
+    };
+    0.35 + 0.25 * d[1] + 5.0 * lamp([-1.0, 1.0, 1.0], 30.0) + 2.0 * lamp([1.5, 0.6, 0.5], 60.0)
 }
 
 /// Roberts' R₃ sequence: multiples of the inverse powers of the root of x⁴ = x + 1.

@@ -1,5 +1,8 @@
 //! Files for other renderers say what the BSDF says, to the error that each prints.
 
+mod made_up;
+
+use made_up::with_spectra;
 use pearl_bsdf::export::{Content, Export, Format};
 use pearl_bsdf::round_trip::RoundTrip;
 use pearl_bsdf::{Controls, PearlBsdf};
@@ -12,7 +15,7 @@ fn bsdf() -> PearlBsdf {
 
 fn exported(bsdf: &PearlBsdf, name: &str, format: Format) -> (String, Vec<RoundTrip>) {
     let export = Export::new(bsdf, name, format).unwrap();
-    let Content::Approximation(errors) = export.content else { panic!("an approximation") };
+    let Content::Approximation(errors, _) = export.content else { panic!("an approximation") };
     (String::from_utf8(export.bytes).unwrap(), errors)
 }
 
@@ -83,4 +86,44 @@ fn three_microfacet_lobes_follow_the_lobe_and_keep_its_albedo() {
         }
         assert!(node["lobes"].as_array().unwrap().len() == 3 && number("albedo") > 0.0, "{node}");
     }
+}
+
+/// A pearl with all colours.
+fn coloured() -> PearlBsdf {
+    let incidences: Vec<f64> = (0..=30).map(|i| 3.0 * f64::from(i)).collect();
+    PearlBsdf::from_table(with_spectra(specimen::plane(&incidences, 96)), Controls::default()).unwrap()
+}
+
+#[test]
+fn blenders_reflections_follow_the_table_and_an_add_on_holds_the_same_script() {
+    let bsdf = coloured();
+    let name = "a \"b\" \\ \u{2c6}";
+    let script = Export::new(&bsdf, name, Format::Blender).unwrap();
+    let Content::Approximation(errors, Some(preview)) = &script.content else { panic!("an approximation") };
+    for RoundTrip { theta_i_deg, error_percent, bias_percent } in errors {
+        // Narrow lobes at the horizon change between the angles of the picture.
+        let most = if *theta_i_deg <= 80.0 { 6.0 } else { 30.0 };
+        assert!(*error_percent < most, "{theta_i_deg}: {error_percent}");
+        assert!(*theta_i_deg > 80.0 || bias_percent.abs() < 1.5, "{theta_i_deg}: {bias_percent}");
+    }
+    assert!(preview.mean > 0.0 && preview.mean < 1.0 && preview.most < 3.0, "{preview:?}");
+
+    let text = String::from_utf8(script.bytes.clone()).unwrap();
+    let data = text.split("\nPEARL = r\"\"\"").nth(1).and_then(|rest| rest.split("\"\"\"\n").next()).unwrap();
+    let pearl: serde_json::Value = serde_json::from_str(data).unwrap();
+    assert_eq!((&pearl["schema"], &pearl["name"]), (&"pearl-blender/1".into(), &name.into()));
+    let number = |value: &serde_json::Value| value.as_u64().unwrap() as usize;
+    let (lobes, ramps) = (number(&pearl["lobes"]), pearl["edges_deg"].as_array().unwrap().len() - 1);
+    // Shapes, turns, weights and albedo without and with interference, emission.
+    assert_eq!(number(&pearl["height"]), lobes + 1 + 2 * (lobes + 1 + ramps + 1) + 1);
+
+    let add_on = Export::new(&bsdf, name, Format::BlenderAddOn).unwrap();
+    let mut archive = zip::ZipArchive::new(std::io::Cursor::new(add_on.bytes)).unwrap();
+    let mut stored = |name: &str| std::io::read_to_string(archive.by_name(name).unwrap()).unwrap();
+    assert!(stored("__init__.py") == text);
+    assert!(stored("blender_manifest.toml").contains(concat!(
+        "version = \"",
+        env!("CARGO_PKG_VERSION"),
+        "\""
+    )));
 }

@@ -2,7 +2,7 @@
 
 use crate::bake::{parse_solver, watched};
 use crate::convert::{array, to_python};
-use crate::errors::{failure, field, input, of_io};
+use crate::errors::{field, input, of_io};
 use crate::look::{RECIPE, view};
 use crate::pearl::table_of;
 use crate::recipe::Recipe;
@@ -55,7 +55,7 @@ pub(crate) fn export<'py>(
         let prepared = table.prepared().map_err(input)?;
         let look = prepared.look();
         let bsdf = PearlBsdf::new(prepared, look).map_err(input)?;
-        Export::new(&bsdf, table.name(), format).map_err(failure)
+        Export::new(&bsdf, table.name(), format).map_err(input)
     })?;
     py.detach(|| atomic::write(&path, &export.bytes)).map_err(written)?;
     to_python(py, &export.report(&path))

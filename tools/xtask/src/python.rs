@@ -18,6 +18,18 @@ pub(crate) fn renderers() -> Result<PathBuf> {
     with_packages("target/renderers-venv", "tests/renderers/requirements.txt")
 }
 
+/// A Python with Blender as a module for each version, as `VERSION=PYTHON` with commas between.
+pub(crate) fn blenders() -> Result<String> {
+    let mut pythons = Vec::new();
+    for version in ["4.2", "4.5", "5.0"] {
+        let (folder, packages) =
+            (format!("target/renderers/blender-{version}"), format!("tests/renderers/blender-{version}.txt"));
+        let python = with_packages(&folder, &packages)?;
+        pythons.push(format!("{version}={}", python.display()));
+    }
+    Ok(pythons.join(","))
+}
+
 /// The interpreter of an environment in this folder of the checkout with these packages.
 fn with_packages(folder: &str, requirements: &str) -> Result<PathBuf> {
     let venv = root().join(folder);

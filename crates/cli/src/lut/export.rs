@@ -4,8 +4,8 @@ use crate::read;
 use clap::Args;
 use clap::builder::PossibleValue;
 use pearl_bsdf::export::{Content, Export, Format};
-use pearl_bsdf::round_trip::RoundTrip;
-use pearl_bsdf::{Array, PearlBsdf, Prepared};
+use pearl_bsdf::round_trip::{Preview, RoundTrip};
+use pearl_bsdf::{Array, BsdfError, PearlBsdf, Prepared};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use terminal::{Outcome, Stop};
@@ -14,7 +14,7 @@ use terminal::{Outcome, Stop};
 pub(crate) struct ExportArgs {
     #[command(flatten)]
     file: super::FileArg,
-    /// Format: arrays for whatever evaluates the pearl by itself (docs/ARRAYS.md), bsdf-rgb and bsdf-spectral for Mitsuba's `measured` (pbrt-v4 reads the spectral one only), merl for the MERL database's readers, radiance for Radiance, microfacet for renderers that have nothing but microfacets (docs/HOSTS.md).
+    /// Format: arrays for whatever evaluates the pearl by itself (docs/ARRAYS.md), bsdf-rgb and bsdf-spectral for Mitsuba's `measured` (pbrt-v4 reads the spectral one only), merl for the MERL database's readers, radiance for Radiance, microfacet for renderers that have nothing but microfacets, blender and blender-add-on for Blender (docs/HOSTS.md).
     #[arg(long, value_enum, value_name = "FORMAT")]
     to: Named,
     /// File to write.
@@ -36,6 +36,8 @@ impl clap::ValueEnum for Named {
                 Self(Format::ALL[3]),
                 Self(Format::ALL[4]),
                 Self(Format::ALL[5]),
+                Self(Format::ALL[6]),
+                Self(Format::ALL[7]),
             ]
         }
     }
@@ -51,11 +53,11 @@ pub(crate) fn run(args: &ExportArgs, json: bool) -> Outcome {
     let table = read(path)?;
     crate::check_output(path, &args.output)?;
     let name = table.meta().recipe_name().unwrap_or("pearl").to_owned();
-    let bad = |error| Stop::bad_input(format!("{}: {error}", path.display()));
+    let bad = |error: BsdfError| Stop::bad_input(format!("{}: {error}", path.display()));
     let prepared = Arc::new(Prepared::new(table).map_err(bad)?);
     let look = prepared.look();
     let bsdf = PearlBsdf::new(prepared, look).map_err(bad)?;
-    let export = Export::new(&bsdf, &name, args.to.0).map_err(Stop::failure)?;
+    let export = Export::new(&bsdf, &name, args.to.0).map_err(|why| bad(why.into()))?;
     nacre_cli::write_file(&args.output, &export.bytes)?;
     if json {
         return terminal::print_json(&export.report(&args.output));
@@ -72,7 +74,7 @@ fn text(export: &Export, output: &Path) -> String {
                 text.push_str(&format!("{name:<22} {shape:?}\n"));
             }
         }
-        Content::Approximation(errors) => {
+        Content::Approximation(errors, preview) => {
             text.push_str(
                 "round trip: what the file says against the table, per cent of the reflected light\n   \
                  θi   |difference|   surplus\n",
@@ -80,6 +82,11 @@ fn text(export: &Export, output: &Path) -> String {
             for RoundTrip { theta_i_deg, error_percent, bias_percent } in errors {
                 text.push_str(&format!(
                     "{theta_i_deg:>5}°        {error_percent:>6.2}    {bias_percent:>+6.2}\n"
+                ));
+            }
+            if let Some(Preview { mean, most }) = preview {
+                text.push_str(&format!(
+                    "\npreview, a sphere under a sky with two lamps: ΔE00 {mean:.2} in the mean, 95 % below {most:.2}\n"
                 ));
             }
         }

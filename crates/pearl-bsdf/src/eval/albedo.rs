@@ -22,6 +22,14 @@ impl PearlBsdf {
         self.albedo(theta, Viewer::AtIncidence)
     }
 
+    /// Share of the light that the lobes leave to the base at an incidence, and tint·Ê at it as a viewing angle; linear sRGB.
+    pub(crate) fn left_and_emission(&self, cos: f64) -> [[f64; 3]; 2] {
+        let at = Place::of_cos(cos);
+        let of = |band: AtBand<'_>| [band.rgb.rest(at), band.rgb.emission(at), [0.0; 3], [0.0; 3]];
+        let [rest, emission, ..] = if self.is_dispersed() { self.mixed(of) } else { of(self.own()) };
+        [rest, emission]
+    }
+
     fn albedo(&self, theta_i: f64, viewer: Viewer) -> [[f64; 3]; 4] {
         let of = |band: AtBand<'_>| band.albedo(theta_i, viewer, &self.prepared.mean_weights);
         if !self.is_dispersed() {

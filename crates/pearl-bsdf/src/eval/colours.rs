@@ -238,6 +238,16 @@ impl Colours {
         channels(factor)
     }
 
+    /// 1 − A at an incidence.
+    pub(crate) fn rest(&self, at_i: Place) -> [f64; 3] {
+        three(channels(at_i.read4(&self.rest)))
+    }
+
+    /// tint·Ê at a viewing angle.
+    pub(crate) fn emission(&self, view: Place) -> [f64; 3] {
+        three(channels(view.read4(&self.emission)))
+    }
+
     /// Directional albedo of the base, viewed from the exits: diffuse and incoherent part.
     pub(crate) fn base_albedo(&self, at_i: Place, mean_weights: &Curve) -> [[f64; 3]; 2] {
         // Colour and 1 − A are read linearly one by one; their product at the nodes misses the curvature of

@@ -105,7 +105,7 @@ impl Microfacets {
 }
 
 /// The lobes alone, without colour.
-fn plain_lobes(bsdf: &PearlBsdf) -> Result<PearlBsdf, FieldError> {
+pub(super) fn plain_lobes(bsdf: &PearlBsdf) -> Result<PearlBsdf, FieldError> {
     let lobes = Components { mirror: true, blur: true, ..Components::NONE };
     let plain = Controls {
         depth: 0.0,
@@ -149,10 +149,10 @@ struct Problem {
 
 /// A direction in the frame of the plane of incidence, f·cos θo there, and the solid angle that it stands for.
 #[derive(Clone, Copy, Debug)]
-struct Point {
-    wo: Direction,
-    value: f64,
-    solid_angle: f64,
+pub(super) struct Point {
+    pub(super) wo: Direction,
+    pub(super) value: f64,
+    pub(super) solid_angle: f64,
 }
 
 impl Problem {
@@ -232,7 +232,7 @@ struct Fit<'a> {
     limits: Vec<MPPar>,
 }
 
-fn bounded([limit_low, limit_up]: [f64; 2]) -> MPPar {
+pub(super) fn bounded([limit_low, limit_up]: [f64; 2]) -> MPPar {
     MPPar { limited_low: true, limited_up: true, limit_low, limit_up, ..MPPar::new() }
 }
 
@@ -275,7 +275,7 @@ fn drawn(plain: &PearlBsdf, theta: f64, count: u32) -> Vec<Point> {
 }
 
 /// A direction in the frame in which the view is in the plane of x and z, x > 0.
-fn in_plane(view: Direction, light: Direction) -> Direction {
+pub(super) fn in_plane(view: Direction, light: Direction) -> Direction {
     let sin = view[0].hypot(view[1]);
     let [x, y] = if sin > 0.0 { [view[0] / sin, view[1] / sin] } else { [1.0, 0.0] };
     [light[0] * x + light[1] * y, light[1] * x - light[0] * y, light[2]]
@@ -292,10 +292,27 @@ fn lobes(parameters: &Parameters, cos_i: f64, wo: Direction) -> f64 {
 }
 
 /// D·G/(4 wi·n) about a normal that is tilted in the plane of x and z, away from wi.
-fn beckmann(wi: Direction, wo: Direction, [along, across]: [f64; 2], tilt: f64) -> f64 {
-    let (sin, cos) = tilt.sin_cos();
-    let local = |d: Direction| [d[0] * cos + d[2] * sin, d[1], d[2] * cos - d[0] * sin];
-    let (wi, wo) = (local(wi), local(wo));
+fn beckmann(wi: Direction, wo: Direction, roughness: [f64; 2], tilt: f64) -> f64 {
+    beckmann_about([wi, wo], roughness, [tilt, 0.0])
+}
+
+/// The same about a normal that is then turned towards y.
+pub(super) fn beckmann_about(
+    directions: [Direction; 2],
+    [along, across]: [f64; 2],
+    [tilt, turn]: [f64; 2],
+) -> f64 {
+    let [(sin, cos), (side, up)] = [tilt.sin_cos(), turn.sin_cos()];
+    let normal = [-sin * up, side, cos * up];
+    // Across, and what is along of the plane of x and z.
+    let y = normal[1].hypot(normal[2]);
+    let (y, z) = (normal[1] / y, normal[2] / y);
+    let local = |d: Direction| {
+        let sideways = d[1] * z - d[2] * y;
+        let flat = d[0] * normal[2].hypot(normal[1]) - normal[0] * (d[1] * y + d[2] * z);
+        [flat, sideways, (0..3).map(|k| d[k] * normal[k]).sum::<f64>()]
+    };
+    let [wi, wo] = directions.map(local);
     if wi[2] <= 0.0 || wo[2] <= 0.0 {
         return 0.0;
     }

@@ -1,12 +1,14 @@
 //! A pearl in formats of other programs, with the error of the round trip.
 
+mod blender;
 mod microfacet;
+mod nonnegative;
 pub mod npz;
 mod radiance;
 
 use crate::measured::{self, Channels, Reader};
-use crate::round_trip::{self, RoundTrip};
-use crate::{Array, PearlBsdf};
+use crate::round_trip::{self, Preview, RoundTrip};
+use crate::{Array, Direction, PearlBsdf};
 use lut_io::FieldError;
 use lut_io::merl::Merl;
 use lut_io::tensor_file;
@@ -31,12 +33,24 @@ pub enum Format {
     Radiance,
     /// Three microfacet lobes.
     Microfacet,
+    /// Blender's: a script that makes a material.
+    Blender,
+    /// The same as an add-on.
+    BlenderAddOn,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Arrays, Self::BsdfRgb, Self::BsdfSpectral, Self::Merl, Self::Radiance, Self::Microfacet];
+    pub const ALL: [Self; 8] = [
+        Self::Arrays,
+        Self::BsdfRgb,
+        Self::BsdfSpectral,
+        Self::Merl,
+        Self::Radiance,
+        Self::Microfacet,
+        Self::Blender,
+        Self::BlenderAddOn,
+    ];
 
     /// Its name.
     #[must_use]
@@ -48,6 +62,8 @@ impl Format {
             Self::Merl => "merl",
             Self::Radiance => "radiance",
             Self::Microfacet => "microfacet",
+            Self::Blender => "blender",
+            Self::BlenderAddOn => "blender-add-on",
         }
     }
 
@@ -60,6 +76,8 @@ impl Format {
             Self::Merl => "binary",
             Self::Radiance => "xml",
             Self::Microfacet => "json",
+            Self::Blender => "py",
+            Self::BlenderAddOn => "zip",
         }
     }
 
@@ -73,6 +91,10 @@ impl Format {
             Self::Merl => "MERL .binary; made reciprocal, as the format demands",
             Self::Radiance => "Radiance's BSDF XML: a tensor tree of rank 3, in colour",
             Self::Microfacet => "Three Beckmann lobes and a diffuse one by viewing angle (.json)",
+            Self::Blender => "Python file that makes the material in Blender 4.2 and newer",
+            Self::BlenderAddOn => {
+                "Add-on for Blender (.zip) with File > Import > Pearl, and this pearl in it"
+            }
         }
     }
 }
@@ -93,8 +115,8 @@ pub struct Export {
 pub enum Content {
     /// The arrays themselves.
     Arrays(Vec<Array>),
-    /// An approximation, so far from the table.
-    Approximation(Vec<RoundTrip>),
+    /// An approximation, so far from the table; a picture of it too, of what is in colour.
+    Approximation(Vec<RoundTrip>, Option<Preview>),
 }
 
 impl Export {
@@ -110,6 +132,13 @@ impl Export {
             Format::Merl => merl(bsdf)?,
             Format::Radiance => radiance(bsdf, name)?,
             Format::Microfacet => microfacet(bsdf, name)?,
+            Format::Blender => blender(bsdf, name)?,
+            Format::BlenderAddOn => {
+                let (script, content) = blender(bsdf, name)?;
+                let add_on =
+                    blender::add_on(&script).map_err(|why| FieldError::new("add-on", why.to_string()))?;
+                (add_on, content)
+            }
         };
         Ok(Self { format, bytes, content })
     }
@@ -122,7 +151,7 @@ impl Export {
                 let shapes = arrays.iter().map(|array| (array.name.to_owned(), json!(array.shape)));
                 ("arrays", Value::Object(shapes.collect()))
             }
-            Content::Approximation(errors) => {
+            Content::Approximation(errors, preview) => {
                 let rows = errors.iter().map(|error| {
                     json!({
                         "theta_i_deg": error.theta_i_deg,
@@ -132,7 +161,12 @@ impl Export {
                 });
                 let rows: Vec<_> = rows.collect();
                 let worst = errors.iter().map(|error| error.error_percent).fold(0.0, f64::max);
-                ("round_trip", json!({ "worst_percent": worst, "per_incidence": rows }))
+                let preview =
+                    preview.map(|Preview { mean, most }| json!({ "mean": mean, "percentile_95": most }));
+                (
+                    "round_trip",
+                    json!({ "worst_percent": worst, "preview_delta_e": preview, "per_incidence": rows }),
+                )
             }
         };
         json!({
@@ -157,22 +191,22 @@ fn tensor(bsdf: &PearlBsdf, channels: &Channels, name: &str) -> Result<(Vec<u8>,
     let bytes = tensor_file::encode(&measured::fields(bsdf, channels, &description))?;
     // What is compared is what was written.
     let reader = Reader::new(&tensor_file::decode(&bytes)?)?;
-    let errors = match channels {
-        Channels::Rgb => round_trip::measure(
-            bsdf,
-            |wi, wo| bsdf.eval_seen(wi, wo).rgb().to_vec(),
-            |wi, wo| reader.eval(wi, wo),
-        ),
+    let content = match channels {
+        Channels::Rgb => in_colour(bsdf, |wi, wo| {
+            let rgb = reader.eval(wi, wo);
+            [rgb[0], rgb[1], rgb[2]]
+        }),
         Channels::Spectral(_) => {
             let compared = compared_nm(&reader.wavelengths_nm);
-            round_trip::measure(
+            let errors = round_trip::measure(
                 bsdf,
                 |wi, wo| bsdf.eval_seen_spectrum(wi, wo, &compared),
                 |wi, wo| reader.eval_spectrum(wi, wo, &compared),
-            )
+            );
+            Content::Approximation(errors, None)
         }
     };
-    Ok((bytes, Content::Approximation(errors)))
+    Ok((bytes, content))
 }
 
 fn compared_nm(nodes: &[f64]) -> Vec<f64> {
@@ -190,30 +224,28 @@ fn merl(bsdf: &PearlBsdf) -> Result<(Vec<u8>, Content), FieldError> {
     });
     let bytes = merl.encode();
     let merl = Merl::decode(&bytes)?;
-    let errors = round_trip::measure(
-        bsdf,
-        |wi, wo| bsdf.eval_seen(wi, wo).rgb().to_vec(),
-        |wi, wo| merl.eval(wi, wo).map_or([0.0; 3], |rgb| rgb.map(|x| x * wo[2])).to_vec(),
-    );
-    Ok((bytes, Content::Approximation(errors)))
+    let read = |wi, wo: Direction| merl.eval(wi, wo).map_or([0.0; 3], |rgb| rgb.map(|x| x * wo[2]));
+    Ok((bytes, in_colour(bsdf, read)))
 }
 
 fn radiance(bsdf: &PearlBsdf, name: &str) -> Result<(Vec<u8>, Content), FieldError> {
     let (bytes, tree) = radiance::encode(bsdf, name)?;
-    let errors = round_trip::measure(
-        bsdf,
-        |wi, wo| bsdf.eval_seen(wi, wo).rgb().to_vec(),
-        |wi, wo| tree.eval(wi, wo).to_vec(),
-    );
-    Ok((bytes, Content::Approximation(errors)))
+    Ok((bytes, in_colour(bsdf, |wi, wo| tree.eval(wi, wo))))
 }
 
 fn microfacet(bsdf: &PearlBsdf, name: &str) -> Result<(Vec<u8>, Content), FieldError> {
     let lobes = microfacet::Microfacets::new(bsdf)?;
-    let errors = round_trip::measure(
-        bsdf,
-        |wi, wo| bsdf.eval_seen(wi, wo).rgb().to_vec(),
-        |wi, wo| lobes.eval(wi, wo).to_vec(),
-    );
-    Ok((lobes.encode(name), Content::Approximation(errors)))
+    Ok((lobes.encode(name), in_colour(bsdf, |wi, wo| lobes.eval(wi, wo))))
+}
+
+fn blender(bsdf: &PearlBsdf, name: &str) -> Result<(Vec<u8>, Content), FieldError> {
+    let curves = blender::Curves::new(bsdf)?;
+    Ok((curves.script(name)?, in_colour(bsdf, |wi, wo| curves.eval(wi, wo))))
+}
+
+/// How far a file in linear sRGB is from the table.
+fn in_colour(bsdf: &PearlBsdf, file: impl Fn(Direction, Direction) -> [f64; 3] + Sync) -> Content {
+    let truth = |wi: Direction, wo: Direction| bsdf.eval_seen(wi, wo).rgb();
+    let errors = round_trip::measure(bsdf, |wi, wo| truth(wi, wo).to_vec(), |wi, wo| file(wi, wo).to_vec());
+    Content::Approximation(errors, Some(round_trip::preview(bsdf, truth, file)))
 }
