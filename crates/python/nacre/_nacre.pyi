@@ -165,7 +165,8 @@ def export(table: _Table, format: str, path: _Path) -> dict[str, Any]:
     error of the round trip included.
 
     Formats: "arrays" (.npz of `arrays`), "bsdf-rgb" and "bsdf-spectral" (tensor files for Mitsuba's `measured`; pbrt-v4 reads the spectral
-    one only), "merl" (.binary, made reciprocal), "radiance" (BSDF XML), "microfacet" (.json); docs/HOSTS.md has the last two.
+    one only), "merl" (.binary, made reciprocal), "radiance" (BSDF XML), "microfacet" (.json), "blender" (.py) and
+    "blender-add-on" (.zip); docs/HOSTS.md has the last four.
     """
 
 def diff(a: _Table, b: _Table) -> dict[str, Any]:
