@@ -2,7 +2,7 @@
 
 use lut_io::axis::{ExitAxis, MAX_WIDTH, Stretched};
 use transport::Geometry;
-use transport::doubling::{Matrix, SingleReflection, Solution};
+use transport::doubling::{Azimuth, Matrix, SingleReflection, Solution};
 
 /// Columns of a plane table: cells of 0.07 σ-widths at the lobe's centre keep the reading error near 5e-4.
 const PLANE_CELLS: usize = 128;
@@ -92,8 +92,11 @@ impl CellRule {
         let columns = self.columns;
         let mut shares = vec![0.0; self.rows * columns];
         let points = self.angles.len() / columns;
+        let spread = |from: f64, step: f64| GAUSS_3.map(|(t, _)| Azimuth::new(from + t * step));
+        let whole: Vec<_> =
+            self.sectors.windows(2).map(|edges| spread(edges[0], edges[1] - edges[0])).collect();
         for (k, (theta, weight)) in self.angles.iter().zip(&self.weights).enumerate() {
-            let sd = lobe.azimuth_sd(*theta);
+            let (sd, exit) = (lobe.azimuth_sd(*theta), theta.sin_cos());
             for (row, edges) in self.sectors.windows(2).enumerate() {
                 let end = edges[1].min(WIDEST_RIDGE * sd);
                 if end <= edges[0] {
@@ -101,12 +104,17 @@ impl CellRule {
                 }
                 let parts = ((end - edges[0]) / sd).ceil().max(1.0) as usize;
                 let step = (end - edges[0]) / parts as f64;
-                let part = |part: usize| -> f64 {
-                    let from = edges[0] + part as f64 * step;
-                    GAUSS_3.iter().map(|(t, weight)| weight * lobe.space(*theta, from + t * step)).sum()
+                let over = |azimuths: &[Azimuth; 3]| -> f64 {
+                    let values = azimuths.iter().map(|azimuth| lobe.towards(exit, *azimuth));
+                    values.zip(&GAUSS_3).map(|(value, (_, weight))| weight * value).sum()
+                };
+                let over_parts = if parts == 1 && end == edges[1] {
+                    over(&whole[row])
+                } else {
+                    (0..parts).map(|part| over(&spread(edges[0] + part as f64 * step, step))).sum()
                 };
                 // Both mirror halves.
-                let around = 2.0 * step * (0..parts).map(part).sum::<f64>();
+                let around = 2.0 * step * over_parts;
                 shares[row * columns + k / points] += weight * around;
             }
         }

@@ -183,30 +183,37 @@ pub(super) fn between_cells(
     let extents = measure::cell_extents(axis, fine.theta_i);
     let weights = measure::reading_weights(axis, fine.theta_i, fine.width);
     let shares = cell_shares(axis, solution, incidence);
+    let [across, along] = [[samples_of[0], rows], [samples_of[1], columns]].map(between);
     let read = [0, 1, 2].map(|c: usize| {
         let factors = measure::value_factors(&shares[c], &extents, &weights);
         let values: Vec<f64> = shares[c].iter().zip(&factors).map(|(share, factor)| share * factor).collect();
-        let samples = fine.weights.iter().enumerate();
-        samples.map(|(k, weight)| weight * read_between(&values, [rows, columns], samples_of, k)).collect()
+        let mut weights = fine.weights.iter();
+        let mut read = Vec::with_capacity(fine.weights.len());
+        for (row, u) in &across {
+            let at = |row: usize, column: usize, t: f64| {
+                let near = row * columns + column;
+                (1.0 - t) * values[near] + t * values[near + 1]
+            };
+            for ((column, t), weight) in along.iter().zip(&mut weights) {
+                let near = at(*row, *column, *t);
+                let value = if *u == 0.0 { near } else { (1.0 - u) * near + u * at(row + 1, *column, *t) };
+                read.push(weight * value);
+            }
+        }
+        read
     });
     fine.missed(&read, None)
 }
 
-/// The values of cells read linearly at sample k.
-fn read_between(values: &[f64], [rows, columns]: [usize; 2], [across, along]: [usize; 2], k: usize) -> f64 {
-    let place = |k: usize, samples: usize, cells: usize| {
+/// Between which cells each of as many even samples is read, linearly, and how far from the first to the second.
+fn between([samples, cells]: [usize; 2]) -> Vec<(usize, f64)> {
+    let place = |k: usize| {
         let from_first = (k as f64 + 0.5) * cells as f64 / samples as f64 - 0.5;
         let from_first = from_first.clamp(0.0, (cells - 1) as f64);
         let cell = (from_first as usize).min(cells.saturating_sub(2));
         (cell, from_first - cell as f64)
     };
-    let (column, t) = place(k % along, along, columns);
-    let at = |row: usize| {
-        let near = row * columns + column;
-        (1.0 - t) * values[near] + t * values[near + 1]
-    };
-    let (row, u) = place(k / along, across, rows);
-    if u == 0.0 { at(row) } else { (1.0 - u) * at(row) + u * at(row + 1) }
+    (0..samples).map(place).collect()
 }
 
 /// What reading between nodes misses at an incidence between two.

@@ -31,7 +31,7 @@ pub use self::matrix::Matrix;
 pub use self::settings::{Cost, DoublingError, OPERATIONS, Settings, prices};
 pub use self::smooth::smooth;
 pub use self::solution::{Basis, ErrorEstimate, FAINT, Lobe, Solution, component_scale};
-pub use self::surface::SingleReflection;
+pub use self::surface::{Azimuth, SingleReflection};
 
 use self::facets::{Fate, Interface};
 use self::grid::Grid;

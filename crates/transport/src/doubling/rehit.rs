@@ -12,7 +12,7 @@ use pulp::Arch;
 
 use super::grid::segment_rule;
 use super::matrix::Matrix;
-use super::surface::SingleReflection;
+use super::surface::{Azimuth, SingleReflection};
 use crate::{Geometry, Transport};
 
 /// Half period of a row's series in widths w: what lies beyond weighs e^(−32).
@@ -56,8 +56,8 @@ impl Turn {
             24
         });
         let step = end / count as f64;
-        let samples =
-            (0..count).map(|p| 2.0 * step * lobe.towards(to.0, to.1, (p as f64 + 0.5) * step)).collect();
+        let around = |p: usize| Azimuth::new((p as f64 + 0.5) * step);
+        let samples = (0..count).map(|p| 2.0 * step * lobe.towards(to, around(p))).collect();
         Self { step, width, samples }
     }
 

@@ -9,7 +9,7 @@ use super::kernel::Column;
 use super::matrix::{Matrix, sum};
 use super::rehit::RehitLobe;
 use super::settings::Settings;
-use super::surface::SingleReflection;
+use super::surface::{Azimuth, SingleReflection};
 use crate::{Geometry, Transport};
 
 /// The totals of one incidence.
@@ -208,11 +208,15 @@ impl Solution {
     /// Density of what interface 0 reflected at its first facet: the closed form.
     #[must_use]
     pub fn single(&self, incidence: usize, basis: &Basis) -> Matrix {
-        let lobe = &self.single[incidence];
-        Matrix::from_fn(basis.theta.len(), basis.phi.len(), |k, f| match self.grid.geometry {
-            Geometry::Plane => lobe.plane(basis.theta[k]),
-            Geometry::Space => lobe.space(basis.theta[k], basis.phi[f]),
-        })
+        let (lobe, Basis { theta, phi, .. }) = (&self.single[incidence], basis);
+        match self.grid.geometry {
+            Geometry::Plane => Matrix::from_fn(theta.len(), phi.len(), |k, _| lobe.plane(theta[k])),
+            Geometry::Space => {
+                let exits: Vec<(f64, f64)> = theta.iter().map(|theta| theta.sin_cos()).collect();
+                let around: Vec<Azimuth> = phi.iter().map(|phi| Azimuth::new(*phi)).collect();
+                Matrix::from_fn(theta.len(), phi.len(), |k, f| lobe.towards(exits[k], around[f]))
+            }
+        }
     }
 
     /// The closed form of one incidence, for any direction.

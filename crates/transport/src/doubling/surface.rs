@@ -27,6 +27,21 @@ pub struct SingleReflection {
     norm: f64,
 }
 
+/// An azimuth by the sines of it and of half of it, for many exits.
+#[derive(Clone, Copy, Debug)]
+pub struct Azimuth {
+    half_sine: f64,
+    sine: f64,
+}
+
+impl Azimuth {
+    /// The azimuth φ, radians.
+    #[must_use]
+    pub fn new(phi: f64) -> Self {
+        Self { half_sine: (0.5 * phi).sin(), sine: phi.sin() }
+    }
+}
+
 impl SingleReflection {
     /// The lobe of one incidence (radians).
     #[must_use]
@@ -115,16 +130,15 @@ impl SingleReflection {
     /// f·cos θo at the exit direction (θo, φ), 1/sr (space).
     #[must_use]
     pub fn space(&self, theta_o: f64, phi: f64) -> f64 {
-        let (s, c) = theta_o.sin_cos();
-        self.towards(s, c, phi)
+        self.towards(theta_o.sin_cos(), Azimuth::new(phi))
     }
 
-    /// [`SingleReflection::space`] for any exit direction (s cos φ, s sin φ, c); c < 0 heads for the interface again.
-    pub(super) fn towards(&self, s: f64, c: f64, phi: f64) -> f64 {
+    /// [`SingleReflection::space`] for any exit direction (s cos φ, s sin φ, c) by its s and c; c < 0 heads for the interface again.
+    #[must_use]
+    pub fn towards(&self, (s, c): (f64, f64), Azimuth { half_sine, sine }: Azimuth) -> f64 {
         // The half vector (d' − d)/2; sin²(φ/2) keeps its digits at small φ.
-        let half_sine = (0.5 * phi).sin();
         let x = s - self.sine - 2.0 * s * half_sine * half_sine;
-        let y = s * phi.sin();
+        let y = s * sine;
         let z = c + self.cosine;
         if z <= 0.0 {
             return 0.0;
