@@ -120,7 +120,10 @@ def test_operations_say_what_the_tools_say(baked, tmp_path):
     assert nacre.diff(table, other) == {key: value for key, value in said.items() if key not in ("schema", "significance")}
 
 
-@pytest.mark.parametrize("form", ["arrays", "bsdf-rgb", "bsdf-spectral", "merl", "radiance", "microfacet", "blender"])
+FORMATS = "arrays, bsdf-rgb, bsdf-spectral, merl, radiance, microfacet, blender, blender-add-on, three, gltf, openpbr, csv, astm, zemax"
+
+
+@pytest.mark.parametrize("form", FORMATS.split(", "))
 def test_exports_have_the_bytes_of_the_tool_and_say_what_it_says(form, tmp_path):
     table = nacre.bake("paper", **COARSE["paper"])
     table.save(tmp_path / "table.exr")
@@ -407,7 +410,7 @@ def wrong(pearl, table, folder):
         "cannot read the file": lambda: nacre.Table(folder / "none.exr"),
         "cut.exr": lambda: nacre.Table(folder / "cut.exr"),
         "is not OpenEXR": lambda: nacre.Table.from_bytes(b"cut short"),
-        "format: 'png' is not one of arrays, bsdf-rgb, bsdf-spectral, merl, radiance, microfacet, blender, blender-add-on": lambda: nacre.export(table, "png", folder / "png"),
+        f"format: 'png' is not one of {FORMATS}": lambda: nacre.export(table, "png", folder / "png"),
         "channel: 'blue'": lambda: table.channel("blue"),
         "incidence: 99": lambda: table.edges(99),
         "depth: 2": lambda: nacre.Pearl(table, depth=2),

@@ -14,7 +14,10 @@ import shutil
 import sys
 import tempfile
 
-PAGE = pathlib.Path(__file__).resolve().parents[2] / "crates" / "studio" / "page"
+CRATES = pathlib.Path(__file__).resolve().parents[2] / "crates"
+PAGE = CRATES / "studio" / "page"
+#: Where its modules are.
+FOLDERS = [PAGE, CRATES / "pearl-bsdf" / "web"]
 #: WebGL by the processor alone, where there is no graphics processor.
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 #: Scripts hand floats over as text of their bytes: lists of numbers take longer than what is measured.
@@ -45,8 +48,9 @@ def reason():
 def alone(arrays):
     """The page as one file with the bytes of prepared arrays (.npz) in it."""
     modules = {
-        f"nacre/{path.relative_to(PAGE).as_posix()}": "data:text/javascript;base64," + base64.b64encode(path.read_bytes()).decode()
-        for path in sorted(PAGE.rglob("*.js"))
+        f"nacre/{path.relative_to(folder).as_posix()}": "data:text/javascript;base64," + base64.b64encode(path.read_bytes()).decode()
+        for folder in FOLDERS
+        for path in sorted(folder.rglob("*.js"))
     }
     data = f'<script id="nacre-data" type="application/octet-stream;base64">{base64.b64encode(arrays).decode()}</script>'
     return (

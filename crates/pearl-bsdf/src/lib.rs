@@ -30,6 +30,7 @@ mod numerics;
 mod prepare;
 pub mod round_trip;
 mod sample;
+pub mod web;
 
 pub use controls::{BsdfError, Components, Controls};
 pub use eval::{Evaluation, PearlBsdf};

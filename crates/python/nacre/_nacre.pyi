@@ -165,8 +165,8 @@ def export(table: _Table, format: str, path: _Path) -> dict[str, Any]:
     error of the round trip included.
 
     Formats: "arrays" (.npz of `arrays`), "bsdf-rgb" and "bsdf-spectral" (tensor files for Mitsuba's `measured`; pbrt-v4 reads the spectral
-    one only), "merl" (.binary, made reciprocal), "radiance" (BSDF XML), "microfacet" (.json), "blender" (.py) and
-    "blender-add-on" (.zip); docs/HOSTS.md has the last four.
+    one only), "merl" (.binary, made reciprocal); and those of docs/HOSTS.md: "radiance" (BSDF XML), "microfacet" (.json), "blender" (.py),
+    "blender-add-on" (.zip), "three" (ES module), "gltf" (.glb), "openpbr" (.mtlx), "csv", "astm" and "zemax" (measured BRDFs as text).
     """
 
 def diff(a: _Table, b: _Table) -> dict[str, Any]:

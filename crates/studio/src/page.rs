@@ -13,6 +13,12 @@ use std::sync::Arc;
 /// Names, with `/` between folders, and contents.
 const FILES: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/page.rs"));
 
+/// All of them, with the evaluator that other pages have as well.
+fn files() -> impl Iterator<Item = (&'static str, &'static [u8])> {
+    let evaluator = pearl_bsdf::web::MODULES.iter().map(|(name, text)| (*name, text.as_bytes()));
+    FILES.iter().copied().chain(evaluator)
+}
+
 const IMPORT_MAP: &str = "<!-- importmap -->";
 const STYLE: &str = "<!-- style -->";
 const TITLE: &str = "<title>Nacre</title>";
@@ -29,7 +35,7 @@ pub(crate) fn file(name: &str) -> Option<(&'static [u8], &'static str)> {
         "css" => "text/css; charset=utf-8",
         _ => "image/svg+xml",
     };
-    FILES.iter().find(|(known, _)| *known == name).map(|(_, bytes)| (*bytes, kind))
+    files().find(|(known, _)| *known == name).map(|(_, bytes)| (bytes, kind))
 }
 
 /// `index.html` as it is served.
@@ -89,7 +95,7 @@ fn escaped(name: &str) -> String {
 
 /// Bare names of the page's modules, `nacre/NAME`, by where each is.
 fn import_map(place: impl Fn(&str, &[u8]) -> String) -> String {
-    let modules = FILES.iter().filter(|(name, _)| name.ends_with(".js"));
+    let modules = files().filter(|(name, _)| name.ends_with(".js"));
     let imports: Map<String, Value> =
         modules.map(|(name, bytes)| (format!("nacre/{name}"), Value::from(place(name, bytes)))).collect();
     format!(r#"<script type="importmap">{}</script>"#, serde_json::json!({ "imports": imports }))

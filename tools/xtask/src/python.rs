@@ -13,9 +13,31 @@ pub(crate) fn environment() -> Result<PathBuf> {
     Ok(python)
 }
 
-/// The environment with the programs that exported files are for.
+/// The environment with the programs that exported files are for, and the package `nacre`.
 pub(crate) fn renderers() -> Result<PathBuf> {
-    with_packages("target/renderers-venv", "tests/renderers/requirements.txt")
+    let python = with_packages("target/renderers-venv", "tests/renderers/requirements.txt")?;
+    llvm(&python)?;
+    chromium();
+    node()?;
+    package(&python)?;
+    Ok(python)
+}
+
+/// Programs of JavaScript, in `target/renderers-node`.
+fn node() -> Result<()> {
+    let (folder, listed) = (root().join("target/renderers-node"), "tests/renderers/package.json");
+    let wanted = std::fs::read_to_string(root().join(listed)).context(listed)?;
+    let stamp = folder.join("package.json");
+    if folder.join("node_modules").is_dir()
+        && std::fs::read_to_string(&stamp).is_ok_and(|made| made == wanted)
+    {
+        return Ok(());
+    }
+    std::fs::create_dir_all(&folder)?;
+    std::fs::write(&stamp, wanted)?;
+    let mut install = Command::new("npm");
+    install.args(["install", "--no-audit", "--no-fund", "--no-save"]).current_dir(&folder);
+    step("packages of JavaScript", install)
 }
 
 /// A Python with Blender as a module for each version, as `VERSION=PYTHON` with commas between.
@@ -34,7 +56,7 @@ pub(crate) fn blenders() -> Result<String> {
 fn with_packages(folder: &str, requirements: &str) -> Result<PathBuf> {
     let venv = root().join(folder);
     let python = venv.join("bin/python");
-    let wanted = std::fs::read_to_string(root().join(requirements)).context(requirements.to_owned())?;
+    let wanted = listed(&root().join(requirements))?;
     let stamp = venv.join("requirements.txt");
     if std::fs::read_to_string(&stamp).is_ok_and(|installed| installed == wanted) {
         return Ok(python);
@@ -48,6 +70,16 @@ fn with_packages(folder: &str, requirements: &str) -> Result<PathBuf> {
     step("python packages", install)?;
     std::fs::write(&stamp, wanted)?;
     Ok(python)
+}
+
+/// A list of packages, with the lists that it names.
+fn listed(requirements: &Path) -> Result<String> {
+    let own = std::fs::read_to_string(requirements).with_context(|| requirements.display().to_string())?;
+    let mut all = own.clone();
+    for other in own.lines().filter_map(|line| line.strip_prefix("-r ")) {
+        all.push_str(&listed(&requirements.with_file_name(other))?);
+    }
+    Ok(all)
 }
 
 /// Checks the package `nacre`, builds its wheel from what is compiled already, and installs it.

@@ -14,7 +14,7 @@ use terminal::{Outcome, Stop};
 pub(crate) struct ExportArgs {
     #[command(flatten)]
     file: super::FileArg,
-    /// Format: arrays for whatever evaluates the pearl by itself (docs/ARRAYS.md), bsdf-rgb and bsdf-spectral for Mitsuba's `measured` (pbrt-v4 reads the spectral one only), merl for the MERL database's readers, radiance for Radiance, microfacet for renderers that have nothing but microfacets, blender and blender-add-on for Blender (docs/HOSTS.md).
+    /// Format (docs/HOSTS.md says what each host shows; docs/ARRAYS.md how arrays are evaluated).
     #[arg(long, value_enum, value_name = "FORMAT")]
     to: Named,
     /// File to write.
@@ -29,16 +29,15 @@ struct Named(Format);
 impl clap::ValueEnum for Named {
     fn value_variants<'a>() -> &'a [Self] {
         const {
-            &[
-                Self(Format::ALL[0]),
-                Self(Format::ALL[1]),
-                Self(Format::ALL[2]),
-                Self(Format::ALL[3]),
-                Self(Format::ALL[4]),
-                Self(Format::ALL[5]),
-                Self(Format::ALL[6]),
-                Self(Format::ALL[7]),
-            ]
+            &{
+                let mut all = [Self(Format::Arrays); Format::ALL.len()];
+                let mut i = 0;
+                while i < all.len() {
+                    all[i] = Self(Format::ALL[i]);
+                    i += 1;
+                }
+                all
+            }
         }
     }
 
@@ -74,22 +73,30 @@ fn text(export: &Export, output: &Path) -> String {
                 text.push_str(&format!("{name:<22} {shape:?}\n"));
             }
         }
-        Content::Approximation(errors, preview) => {
-            text.push_str(
-                "round trip: what the file says against the table, per cent of the reflected light\n   \
-                 θi   |difference|   surplus\n",
-            );
-            for RoundTrip { theta_i_deg, error_percent, bias_percent } in errors {
-                text.push_str(&format!(
-                    "{theta_i_deg:>5}°        {error_percent:>6.2}    {bias_percent:>+6.2}\n"
-                ));
-            }
-            if let Some(Preview { mean, most }) = preview {
-                text.push_str(&format!(
-                    "\npreview, a sphere under a sky with two lamps: ΔE00 {mean:.2} in the mean, 95 % below {most:.2}\n"
-                ));
+        Content::Approximation(errors, preview) => text.push_str(&compared(errors, *preview)),
+        Content::Material(errors, preview, numbers) => {
+            text.push_str(&compared(errors, *preview));
+            text.push('\n');
+            for (name, value) in numbers {
+                text.push_str(&format!("{name:<26} {value}\n"));
             }
         }
+    }
+    text
+}
+
+fn compared(errors: &[RoundTrip], preview: Option<Preview>) -> String {
+    let mut text = String::from(
+        "round trip: what the file says against the table, per cent of the reflected light\n   \
+         θi   |difference|   surplus\n",
+    );
+    for RoundTrip { theta_i_deg, error_percent, bias_percent } in errors {
+        text.push_str(&format!("{theta_i_deg:>5}°        {error_percent:>6.2}    {bias_percent:>+6.2}\n"));
+    }
+    if let Some(Preview { mean, most }) = preview {
+        text.push_str(&format!(
+            "\npreview, a sphere under a sky with two lamps: ΔE00 {mean:.2} in the mean, 95 % below {most:.2}\n"
+        ));
     }
     text
 }

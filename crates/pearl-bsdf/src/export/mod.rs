@@ -1,10 +1,18 @@
 //! A pearl in formats of other programs, with the error of the round trip.
 
+mod astm;
 mod blender;
+mod csv;
+mod gltf;
+mod goniometer;
+mod layered;
 mod microfacet;
 mod nonnegative;
 pub mod npz;
+mod openpbr;
 mod radiance;
+mod three;
+mod zemax;
 
 use crate::measured::{self, Channels, Reader};
 use crate::round_trip::{self, Preview, RoundTrip};
@@ -12,7 +20,7 @@ use crate::{Array, Direction, PearlBsdf};
 use lut_io::FieldError;
 use lut_io::merl::Merl;
 use lut_io::tensor_file;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::path::Path;
 
 /// Wavelengths that a spectral file is compared at, spread evenly from the first to the last of the table: of the file and between.
@@ -37,11 +45,23 @@ pub enum Format {
     Blender,
     /// The same as an add-on.
     BlenderAddOn,
+    /// A material for three.js.
+    Three,
+    /// A sphere with a material of glTF.
+    Gltf,
+    /// An OpenPBR surface of MaterialX.
+    OpenPbr,
+    /// The BRDF as an instrument measures it.
+    Csv,
+    /// The same, as ASTM has it.
+    Astm,
+    /// Zemax OpticStudio's tabular BSDF.
+    Zemax,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 14] = [
         Self::Arrays,
         Self::BsdfRgb,
         Self::BsdfSpectral,
@@ -50,6 +70,12 @@ impl Format {
         Self::Microfacet,
         Self::Blender,
         Self::BlenderAddOn,
+        Self::Three,
+        Self::Gltf,
+        Self::OpenPbr,
+        Self::Csv,
+        Self::Astm,
+        Self::Zemax,
     ];
 
     /// Its name.
@@ -64,6 +90,12 @@ impl Format {
             Self::Microfacet => "microfacet",
             Self::Blender => "blender",
             Self::BlenderAddOn => "blender-add-on",
+            Self::Three => "three",
+            Self::Gltf => "gltf",
+            Self::OpenPbr => "openpbr",
+            Self::Csv => "csv",
+            Self::Astm => "astm",
+            Self::Zemax => "zemax",
         }
     }
 
@@ -72,12 +104,17 @@ impl Format {
     pub const fn ending(self) -> &'static str {
         match self {
             Self::Arrays => "npz",
-            Self::BsdfRgb | Self::BsdfSpectral => "bsdf",
+            Self::BsdfRgb | Self::BsdfSpectral | Self::Zemax => "bsdf",
             Self::Merl => "binary",
             Self::Radiance => "xml",
             Self::Microfacet => "json",
             Self::Blender => "py",
             Self::BlenderAddOn => "zip",
+            Self::Three => "js",
+            Self::Gltf => "glb",
+            Self::OpenPbr => "mtlx",
+            Self::Csv => "csv",
+            Self::Astm => "astm",
         }
     }
 
@@ -95,6 +132,12 @@ impl Format {
             Self::BlenderAddOn => {
                 "Add-on for Blender (.zip) with File > Import > Pearl, and this pearl in it"
             }
+            Self::Three => "ES module with a material for three.js",
+            Self::Gltf => "A sphere with glTF's nearest material: iridescence, clearcoat (.glb)",
+            Self::OpenPbr => "MaterialX's nearest OpenPBR surface (.mtlx)",
+            Self::Csv => "The BRDF as measured: angles, solid angle, red, green, blue",
+            Self::Astm => "The BRDF as measured, in the data format of ASTM E1392",
+            Self::Zemax => "Tabular BSDF of Zemax OpticStudio (.bsdf, text)",
         }
     }
 }
@@ -117,6 +160,8 @@ pub enum Content {
     Arrays(Vec<Array>),
     /// An approximation, so far from the table; a picture of it too, of what is in colour.
     Approximation(Vec<RoundTrip>, Option<Preview>),
+    /// The nearest material of a kind: the same, and its numbers.
+    Material(Vec<RoundTrip>, Option<Preview>, Map<String, Value>),
 }
 
 impl Export {
@@ -139,6 +184,24 @@ impl Export {
                     blender::add_on(&script).map_err(|why| FieldError::new("add-on", why.to_string()))?;
                 (add_on, content)
             }
+            Format::Three => {
+                let (module, arrays) = three::encode(bsdf, name)?;
+                (module, Content::Arrays(arrays))
+            }
+            Format::Gltf => {
+                let material = gltf::Gltf::new(bsdf);
+                (material.encode(name), material_of(bsdf, material.fitted()))
+            }
+            Format::OpenPbr => {
+                let surface = openpbr::OpenPbr::new(bsdf);
+                (surface.encode(name)?, material_of(bsdf, surface.fitted()))
+            }
+            Format::Csv => measured_as(bsdf, csv::encode),
+            Format::Astm => measured_as(bsdf, |measured| astm::encode(measured, name)),
+            Format::Zemax => {
+                let scatter = zemax::Scatter::new(bsdf);
+                (scatter.encode(name), against_light(bsdf, |wi, wo| scatter.eval(wi, wo)))
+            }
         };
         Ok(Self { format, bytes, content })
     }
@@ -146,37 +209,39 @@ impl Export {
     /// What a program says of the file that it wrote.
     #[must_use]
     pub fn report(&self, output: &Path) -> Value {
-        let (key, said) = match &self.content {
-            Content::Arrays(arrays) => {
-                let shapes = arrays.iter().map(|array| (array.name.to_owned(), json!(array.shape)));
-                ("arrays", Value::Object(shapes.collect()))
-            }
-            Content::Approximation(errors, preview) => {
-                let rows = errors.iter().map(|error| {
-                    json!({
-                        "theta_i_deg": error.theta_i_deg,
-                        "error_percent": error.error_percent,
-                        "bias_percent": error.bias_percent,
-                    })
-                });
-                let rows: Vec<_> = rows.collect();
-                let worst = errors.iter().map(|error| error.error_percent).fold(0.0, f64::max);
-                let preview =
-                    preview.map(|Preview { mean, most }| json!({ "mean": mean, "percentile_95": most }));
-                (
-                    "round_trip",
-                    json!({ "worst_percent": worst, "preview_delta_e": preview, "per_incidence": rows }),
-                )
-            }
-        };
-        json!({
+        let mut report = json!({
             "schema": "lut-export/1",
             "format": self.format.name(),
             "output": output.display().to_string(),
             "bytes": self.bytes.len(),
-            key: said,
-        })
+        });
+        match &self.content {
+            Content::Arrays(arrays) => {
+                let shapes = arrays.iter().map(|array| (array.name.to_owned(), json!(array.shape)));
+                report["arrays"] = Value::Object(shapes.collect());
+            }
+            Content::Approximation(errors, preview) => report["round_trip"] = described(errors, *preview),
+            Content::Material(errors, preview, numbers) => {
+                report["round_trip"] = described(errors, *preview);
+                report["material"] = Value::Object(numbers.clone());
+            }
+        }
+        report
     }
+}
+
+fn described(errors: &[RoundTrip], preview: Option<Preview>) -> Value {
+    let row = |error: &RoundTrip| {
+        json!({
+            "theta_i_deg": error.theta_i_deg,
+            "error_percent": error.error_percent,
+            "bias_percent": error.bias_percent,
+        })
+    };
+    let rows: Vec<_> = errors.iter().map(row).collect();
+    let worst = errors.iter().map(|error| error.error_percent).fold(0.0, f64::max);
+    let preview = preview.map(|Preview { mean, most }| json!({ "mean": mean, "percentile_95": most }));
+    json!({ "worst_percent": worst, "preview_delta_e": preview, "per_incidence": rows })
 }
 
 fn arrays(bsdf: &PearlBsdf) -> Result<(Vec<u8>, Content), FieldError> {
@@ -243,9 +308,45 @@ fn blender(bsdf: &PearlBsdf, name: &str) -> Result<(Vec<u8>, Content), FieldErro
     Ok((curves.script(name)?, in_colour(bsdf, |wi, wo| curves.eval(wi, wo))))
 }
 
-/// How far a file in linear sRGB is from the table.
+/// How far a file in linear sRGB is from what a viewer sees of the table.
 fn in_colour(bsdf: &PearlBsdf, file: impl Fn(Direction, Direction) -> [f64; 3] + Sync) -> Content {
-    let truth = |wi: Direction, wo: Direction| bsdf.eval_seen(wi, wo).rgb();
+    compared(bsdf, |wi, wo| bsdf.eval_seen(wi, wo).rgb(), file)
+}
+
+/// And from the table for light that arrives at an incidence, which is what instruments measure.
+fn against_light(bsdf: &PearlBsdf, file: impl Fn(Direction, Direction) -> [f64; 3] + Sync) -> Content {
+    compared(bsdf, |wi, wo| bsdf.eval(wi, wo).rgb(), file)
+}
+
+fn compared(
+    bsdf: &PearlBsdf,
+    truth: impl Fn(Direction, Direction) -> [f64; 3] + Sync,
+    file: impl Fn(Direction, Direction) -> [f64; 3] + Sync,
+) -> Content {
     let errors = round_trip::measure(bsdf, |wi, wo| truth(wi, wo).to_vec(), |wi, wo| file(wi, wo).to_vec());
     Content::Approximation(errors, Some(round_trip::preview(bsdf, truth, file)))
+}
+
+fn material_of<const N: usize>(bsdf: &PearlBsdf, fitted: &layered::Fitted<N>) -> Content {
+    match in_colour(bsdf, |wi, wo| fitted.eval(wi, wo)) {
+        Content::Approximation(errors, preview) => Content::Material(errors, preview, fitted.describe()),
+        other => other,
+    }
+}
+
+fn measured_as(bsdf: &PearlBsdf, encode: impl Fn(&goniometer::Measured) -> Vec<u8>) -> (Vec<u8>, Content) {
+    let measured = goniometer::Measured::new(bsdf);
+    (encode(&measured), against_light(bsdf, |wi, wo| measured.eval(wi, wo)))
+}
+
+/// A name that XML cannot hold.
+fn check_xml(name: &str) -> Result<(), FieldError> {
+    if name.chars().all(|c| c == '\t' || !c.is_control()) {
+        return Ok(());
+    }
+    Err(FieldError::new("name", "holds a control character, which XML cannot"))
+}
+
+fn xml_text(name: &str) -> String {
+    name.replace('&', "&amp;").replace('<', "&lt;")
 }

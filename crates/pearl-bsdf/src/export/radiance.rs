@@ -118,7 +118,7 @@ impl Tree {
 
     /// The bytes of a BSDF file.
     fn encode(&self, name: &str) -> Vec<u8> {
-        let name = name.replace('&', "&amp;").replace('<', "&lt;");
+        let name = super::xml_text(name);
         let mut text = format!(
             r#"<?xml version="1.0" encoding="UTF-8"?>
 <WindowElement xmlns="http://windows.lbl.gov" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:schemaLocation="http://windows.lbl.gov/BSDF-v1.4.xsd">
@@ -165,9 +165,7 @@ impl Tree {
 
 /// The file of a BSDF, and the tree in it.
 pub(super) fn encode(bsdf: &PearlBsdf, name: &str) -> Result<(Vec<u8>, Tree), FieldError> {
-    if !name.chars().all(|c| c == '\t' || !c.is_control()) {
-        return Err(FieldError::new("name", "holds a control character, which XML cannot"));
-    }
+    super::check_xml(name)?;
     let tree = Tree::new(bsdf);
     Ok((tree.encode(name), tree))
 }
