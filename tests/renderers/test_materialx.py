@@ -66,8 +66,12 @@ def test_shaders_are_generated(document, target):
     assert len(text) > 1000 and "thin_film" in text, text[:200]
 
 
-def test_the_stated_error_is_what_such_a_surface_can_do(exported):
+#: Per cent of the light at 30°, and mean ΔE00 of the preview: a tenth above what the fits have reached.
+REACHED = {"paper": (10.5, 1.9), "akoya": (22, 3.1), "golden": (25, 3.8)}
+
+
+def test_the_fit_is_as_near_as_it_has_been(exported, request):
     _, report = exported
+    error, colour = REACHED[request.node.callspec.params["exported"]]
     at = {row["theta_i_deg"]: row["error_percent"] for row in report["round_trip"]["per_incidence"]}
-    # 10 % for the paper's pearl, 20 % and more where bands are narrow.
-    assert at[30.0] < 30 and report["round_trip"]["preview_delta_e"]["mean"] < 5, report
+    assert at[30.0] < error and report["round_trip"]["preview_delta_e"]["mean"] < colour, report
