@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 mi = pytest.importorskip("mitsuba")
+import llvm  # noqa: E402  (it needs drjit)
 import test_plugin  # noqa: E402  (it needs mitsuba)
 
 DOCS = test_plugin.ROOT / "docs" / "HARD-CASES.md"
@@ -90,7 +91,7 @@ def number(x):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_every_hard_case_of_the_plugin_has_its_answer(variant, table):
-    test_plugin.use(variant)
+    llvm.use(variant)
     bsdf = test_plugin.load(table)
     rows, failed = [], []
     for case in CASES:

@@ -797,7 +797,7 @@ def bad_inputs(folder, tables):
     recipe.write_text('{"stack": {"layers": 0}}')
     return [
         ({**good, "recipe": "akoya"}, r"filename, recipe: both are given"),
-        ({"recipe": "akoja"}, r"recipe: .*akoja: there is no such file, and the built-in recipes are akoya"),
+        ({"recipe": "akoja"}, r"recipe: .*akoja: there is no such file, and the built-in recipes are abalone, akoya"),
         ({"recipe": str(recipe)}, r"recipe: .*bad.json: stack.layers: "),
         ({"recipe": "akoya", "depth": 1.5}, r"depth: 1.5 is not valid"),
         ({"filename": "/nowhere/pearl.exr"}, r"filename: /nowhere/pearl.exr: cannot read the file.*bake-brdf"),
