@@ -125,9 +125,9 @@ def grid(points, bsdf):
     return mesh
 
 
-def ball(bsdf, x, y, radius=1.0, z=None, turn=(0.0, 0.0)):
-    """A pearl that lies on the floor; `turn` rolls it, for textures."""
-    to_world = place(x, y, radius if z is None else z).rotate([1, 0, 0], turn[0]).rotate([0, 0, 1], turn[1]).scale(radius)
+def ball(bsdf, x, y, radius=1.0, z=None):
+    """A pearl that lies on the floor."""
+    to_world = place(x, y, radius if z is None else z).scale(radius)
     return {"type": "sphere", "to_world": to_world, "bsdf": bsdf}
 
 
@@ -394,7 +394,7 @@ def controls(studio, name):
             bsdf = pearl(from_recipe, bump=texture(0.004 * value * bump) if value else None, **look)
         else:
             bsdf = pearl(from_recipe, **look, **{"body_color" if name == "body" else name: value})
-        parts[f"pearl{i}"] = ball(bsdf, 2.35 * (i - 2), 0, turn=(90, 0))
+        parts[f"pearl{i}"] = ball(bsdf, 2.35 * (i - 2), 0)
     ground = 0.12 if from_recipe == "tahitian" else 0.35
     parts |= {"floor": sweep(matte(ground))} | lights()
     studio.save(f"sweep-{name}", studio.render(parts, [0, -20, 3.6], [0, 0, 0.95], 34, (1280, 300)), 0.95)
