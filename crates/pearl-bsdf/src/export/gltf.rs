@@ -4,7 +4,7 @@
 //! factor of the film at the normal for that at the half vector, which is the same where a lobe is narrow. Sheen has no part: it
 //! sends light back to where it came from, a pearl does not.
 
-use super::layered::{Facing, Fitted, Parameter, at_normal, film, mix, number, schlick, times};
+use super::layered::{Facing, Fitted, Parameter, at_normal, film, index_of, mix, number, schlick, times};
 use crate::{Direction, PearlBsdf};
 use serde_json::json;
 use std::f64::consts::{FRAC_1_PI, PI};
@@ -40,6 +40,43 @@ const RGB_OF_XYZ: [[f64; 3]; 3] = [
 const RINGS: usize = 64;
 const SECTORS: usize = 128;
 
+/// The numbers by what they are.
+struct Material {
+    colour: [f64; 3],
+    metallic: f64,
+    roughness: f64,
+    ior: f64,
+    tint: [f64; 3],
+    film: f64,
+    film_ior: f64,
+    film_nm: f64,
+    coat: f64,
+    coat_roughness: f64,
+}
+
+impl From<[f64; NUMBERS]> for Material {
+    fn from(numbers: [f64; NUMBERS]) -> Self {
+        let [
+            red,
+            green,
+            blue,
+            metallic,
+            roughness,
+            ior,
+            tint_red,
+            tint_green,
+            tint_blue,
+            film,
+            film_ior,
+            film_nm,
+            coat,
+            coat_roughness,
+        ] = numbers;
+        let (colour, tint) = ([red, green, blue], [tint_red, tint_green, tint_blue]);
+        Self { colour, metallic, roughness, ior, tint, film, film_ior, film_nm, coat, coat_roughness }
+    }
+}
+
 /// The nearest material.
 #[derive(Clone, Debug)]
 pub(super) struct Gltf(Fitted<NUMBERS>);
@@ -55,22 +92,8 @@ impl Gltf {
 
     /// The binary file.
     pub(super) fn encode(&self, name: &str) -> Vec<u8> {
-        let [
-            red,
-            green,
-            blue,
-            metallic,
-            roughness,
-            ior,
-            s_red,
-            s_green,
-            s_blue,
-            film,
-            film_ior,
-            film_nm,
-            coat,
-            coat_roughness,
-        ] = self.0.values;
+        let material = Material::from(self.0.values);
+        let [red, green, blue] = material.colour;
         let (positions, indices) = sphere();
         let bytes: Vec<u8> = positions
             .iter()
@@ -91,18 +114,21 @@ impl Gltf {
                 "name": name,
                 "pbrMetallicRoughness": {
                     "baseColorFactor": [red, green, blue, 1.0],
-                    "metallicFactor": metallic,
-                    "roughnessFactor": roughness,
+                    "metallicFactor": material.metallic,
+                    "roughnessFactor": material.roughness,
                 },
                 "extensions": {
-                    "KHR_materials_clearcoat": { "clearcoatFactor": coat, "clearcoatRoughnessFactor": coat_roughness },
-                    "KHR_materials_ior": { "ior": ior },
-                    "KHR_materials_iridescence": {
-                        "iridescenceFactor": film,
-                        "iridescenceIor": film_ior,
-                        "iridescenceThicknessMaximum": film_nm,
+                    "KHR_materials_clearcoat": {
+                        "clearcoatFactor": material.coat,
+                        "clearcoatRoughnessFactor": material.coat_roughness,
                     },
-                    "KHR_materials_specular": { "specularColorFactor": [s_red, s_green, s_blue] },
+                    "KHR_materials_ior": { "ior": material.ior },
+                    "KHR_materials_iridescence": {
+                        "iridescenceFactor": material.film,
+                        "iridescenceIor": material.film_ior,
+                        "iridescenceThicknessMaximum": material.film_nm,
+                    },
+                    "KHR_materials_specular": { "specularColorFactor": material.tint },
                 },
             }],
             // A unit sphere's normals are its points.
@@ -169,23 +195,8 @@ fn sphere() -> (Vec<[f32; 3]>, Vec<u16>) {
 }
 
 fn model(numbers: &[f64; NUMBERS], wi: Direction, wo: Direction) -> [f64; 3] {
-    let [
-        red,
-        green,
-        blue,
-        metallic,
-        roughness,
-        ior,
-        s_red,
-        s_green,
-        s_blue,
-        film,
-        film_ior,
-        film_nm,
-        coat,
-        coat_roughness,
-    ] = *numbers;
-    let (colour, tint) = ([red, green, blue], [s_red, s_green, s_blue]);
+    let Material { colour, metallic, roughness, ior, tint, film, film_ior, film_nm, coat, coat_roughness } =
+        Material::from(*numbers);
     let facing = Facing::new(wi, wo);
     let cos = facing.cos_difference;
     let specular = facing.ggx(roughness * roughness);
@@ -214,7 +225,7 @@ fn iridescent(ior: f64, thickness_nm: f64, base: [f64; 3], cos: f64) -> [f64; 3]
         return [1.0; 3];
     }
     let inside = cos2.sqrt();
-    let index = base.map(|f0| f0.clamp(0.0, 0.9999).sqrt()).map(|root| (1.0 + root) / (1.0 - root));
+    let index = base.map(|f0| index_of(f0.clamp(0.0, 0.9999)));
     let second = index.map(|index| schlick(at_normal(index / ior), 1.0, inside));
     let shift = index.map(|index| if index < ior { 2.0 * PI } else { PI });
     let (mean, waves) =

@@ -179,6 +179,12 @@ pub(super) fn at_normal(ratio: f64) -> f64 {
     ((ratio - 1.0) / (ratio + 1.0)).powi(2)
 }
 
+/// The index over that before it of such an F at normal incidence: [`at_normal`] turned round.
+pub(super) fn index_of(normal: f64) -> f64 {
+    let root = normal.sqrt();
+    (1.0 + root) / (1.0 - root)
+}
+
 /// Schlick's (1 − cos)⁵ from F at normal incidence to F at grazing.
 pub(super) fn schlick(normal: f64, grazing: f64, cos: f64) -> f64 {
     mix(normal, grazing, (1.0 - cos.clamp(0.0, 1.0)).powi(5))

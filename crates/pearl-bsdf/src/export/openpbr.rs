@@ -3,10 +3,11 @@
 //! The surface is that of the nodes in MaterialX 1.39.5 (`open_pbr_surface.mtlx`) with its closures in GLSL: metal and dielectric
 //! under a thin film, and a coat that does not darken. Fuzz has no part: it sends light back to where it came from, a pearl does not.
 
-use super::layered::{Facing, Fitted, Parameter, at_normal, mix, number, sensitivity, times};
+use super::layered::{Facing, Fitted, Parameter, at_normal, index_of, mix, number, sensitivity, times};
 use crate::{Direction, PearlBsdf};
 use lut_io::FieldError;
 use std::f64::consts::{FRAC_1_PI, PI};
+use thinfilm::intensity;
 
 const NUMBERS: usize = 15;
 const PARAMETERS: [Parameter; NUMBERS] = [
@@ -33,6 +34,57 @@ const RGB_OF_XYZ: [[f64; 3]; 3] = [
     [0.005_298_2, -0.014_694_9, 1.009_396_8],
 ];
 
+/// The numbers by what they are.
+struct Surface {
+    colour: [f64; 3],
+    metalness: f64,
+    roughness: f64,
+    ior: f64,
+    tint: [f64; 3],
+    film: f64,
+    film_um: f64,
+    film_ior: f64,
+    coat: f64,
+    coat_roughness: f64,
+    coat_ior: f64,
+}
+
+impl From<[f64; NUMBERS]> for Surface {
+    fn from(numbers: [f64; NUMBERS]) -> Self {
+        let [
+            red,
+            green,
+            blue,
+            metalness,
+            roughness,
+            ior,
+            tint_red,
+            tint_green,
+            tint_blue,
+            film,
+            film_um,
+            film_ior,
+            coat,
+            coat_roughness,
+            coat_ior,
+        ] = numbers;
+        let (colour, tint) = ([red, green, blue], [tint_red, tint_green, tint_blue]);
+        Self {
+            colour,
+            metalness,
+            roughness,
+            ior,
+            tint,
+            film,
+            film_um,
+            film_ior,
+            coat,
+            coat_roughness,
+            coat_ior,
+        }
+    }
+}
+
 /// The nearest surface.
 #[derive(Clone, Debug)]
 pub(super) struct OpenPbr(Fitted<NUMBERS>);
@@ -49,23 +101,7 @@ impl OpenPbr {
     /// The document.
     pub(super) fn encode(&self, name: &str) -> Result<Vec<u8>, FieldError> {
         super::check_xml(name)?;
-        let [
-            red,
-            green,
-            blue,
-            metalness,
-            roughness,
-            ior,
-            s_red,
-            s_green,
-            s_blue,
-            film,
-            film_um,
-            film_ior,
-            coat,
-            coat_roughness,
-            coat_ior,
-        ] = self.0.values;
+        let surface = Surface::from(self.0.values);
         let doc = super::xml_text(name).replace('"', "&quot;");
         let colour = |name: &str, [r, g, b]: [f64; 3]| {
             format!("    <input name=\"{name}\" type=\"color3\" value=\"{r}, {g}, {b}\" />\n")
@@ -73,19 +109,19 @@ impl OpenPbr {
         let number =
             |name: &str, x: f64| format!("    <input name=\"{name}\" type=\"float\" value=\"{x}\" />\n");
         let inputs: String = [
-            colour("base_color", [red, green, blue]),
+            colour("base_color", surface.colour),
             number("base_weight", 1.0),
-            number("base_metalness", metalness),
+            number("base_metalness", surface.metalness),
             number("specular_weight", 1.0),
-            colour("specular_color", [s_red, s_green, s_blue]),
-            number("specular_roughness", roughness),
-            number("specular_ior", ior),
-            number("thin_film_weight", film),
-            number("thin_film_thickness", film_um),
-            number("thin_film_ior", film_ior),
-            number("coat_weight", coat),
-            number("coat_roughness", coat_roughness),
-            number("coat_ior", coat_ior),
+            colour("specular_color", surface.tint),
+            number("specular_roughness", surface.roughness),
+            number("specular_ior", surface.ior),
+            number("thin_film_weight", surface.film),
+            number("thin_film_thickness", surface.film_um),
+            number("thin_film_ior", surface.film_ior),
+            number("coat_weight", surface.coat),
+            number("coat_roughness", surface.coat_roughness),
+            number("coat_ior", surface.coat_ior),
             number("coat_darkening", 0.0),
         ]
         .concat();
@@ -105,24 +141,19 @@ impl OpenPbr {
 }
 
 fn model(numbers: &[f64; NUMBERS], wi: Direction, wo: Direction) -> [f64; 3] {
-    let [
-        red,
-        green,
-        blue,
+    let Surface {
+        colour,
         metalness,
         roughness,
         ior,
-        s_red,
-        s_green,
-        s_blue,
+        tint,
         film,
         film_um,
         film_ior,
         coat,
         coat_roughness,
         coat_ior,
-    ] = *numbers;
-    let (colour, tint) = ([red, green, blue], [s_red, s_green, s_blue]);
+    } = Surface::from(*numbers);
     let facing = Facing::new(wi, wo);
     let cos = facing.cos_difference;
     // The coat roughens what is below it, and is what is outside of it.
@@ -181,13 +212,8 @@ fn albedo(cos: f64, alpha: f64, normal: f64, grazing: f64) -> f64 {
 
 /// Fresnel's factor of an index.
 fn dielectric(cos: f64, index: f64) -> f64 {
-    let squared = index * index + cos * cos - 1.0;
-    if squared < 0.0 {
-        return 1.0;
-    }
-    let g = squared.sqrt();
-    let (s, p) = ((g - cos) / (g + cos), ((g + cos) * cos - 1.0) / ((g - cos) * cos + 1.0));
-    0.5 * s * s * (1.0 + p * p)
+    let [p, s] = polarised(cos, index);
+    0.5 * (p + s)
 }
 
 /// Schlick's factor from one colour at normal incidence to white, lowered towards another near 82° (Hoffman 2023).
@@ -218,7 +244,7 @@ fn film_on(film_ior: f64, thickness_um: f64, base: Base, cos: f64) -> [f64; 3] {
         }
         Base::Metal(colour, tint) => {
             let half = std::array::from_fn(|c| 0.5 * schlick82(inside, colour[c], tint[c]));
-            let index = colour.map(|f0| f0.clamp(0.01, 0.99).sqrt()).map(|root| (1.0 + root) / (1.0 - root));
+            let index = colour.map(|f0| index_of(f0.clamp(0.01, 0.99)));
             let turned = index.map(|index| if index < film_ior { PI } else { 0.0 });
             ([half; 2], [turned; 2])
         }
@@ -244,13 +270,10 @@ fn film_on(film_ior: f64, thickness_um: f64, base: Base, cos: f64) -> [f64; 3] {
 
 /// Reflectances of p and s of an index over that before it.
 fn polarised(cos: f64, ratio: f64) -> [f64; 2] {
-    let cos2 = cos.clamp(0.0, 1.0).powi(2);
-    let sin2 = 1.0 - cos2;
-    let t0 = (ratio * ratio - sin2).max(0.0);
-    let (t1, t2) = (t0 + cos2, 2.0 * t0.sqrt() * cos);
-    let s = (t1 - t2) / (t1 + t2);
-    let (t3, t4) = (cos2 * t0 + sin2 * sin2, t2 * sin2);
-    [s * (t3 - t4) / (t3 + t4), s]
+    let cos = cos.clamp(0.0, 1.0);
+    let inside = (1.0 - (1.0 - cos * cos) / (ratio * ratio)).max(0.0).sqrt();
+    let (s, p) = intensity::fresnel(1.0, cos, ratio, inside);
+    [p, s]
 }
 
 /// Phases of p and s at an interface from one index to another.
@@ -268,10 +291,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_forms_of_fresnels_factor_are_one() {
+    fn fresnels_factor_is_that_of_materialx() {
+        // Its closed form (mx_fresnel_dielectric).
+        let closed = |cos: f64, index: f64| {
+            let g = (index * index + cos * cos - 1.0).sqrt();
+            let (s, p) = ((g - cos) / (g + cos), ((g + cos) * cos - 1.0) / ((g - cos) * cos + 1.0));
+            0.5 * s * s * (1.0 + p * p)
+        };
         for cos in [0.05, 0.3, 0.7, 1.0] {
-            let [p, s] = polarised(cos, 1.6);
-            assert!((0.5 * (p + s) - dielectric(cos, 1.6)).abs() < 1e-12, "{cos}");
+            assert!((closed(cos, 1.6) - dielectric(cos, 1.6)).abs() < 1e-12, "{cos}");
         }
         // Total reflection.
         assert_eq!(dielectric(0.1, 0.6), 1.0);
