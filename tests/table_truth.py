@@ -1,6 +1,7 @@
 """Tables of every kind, as `pearl eval` and as the independent reader of `table_reader.py` read them."""
 
 import json
+from typing import Any
 
 import numpy as np
 import table_reader as reader
@@ -10,7 +11,7 @@ PAIRS = 1500
 WAVELENGTHS_NM = [370.0, 451.3, 545.0, 612.4, 790.0]
 DOUBLING = ["--solver", "doubling", "--accuracy", "2"]
 # Recipe, what is changed of it, how it is baked, how it is made compact.
-TABLES = {
+TABLES: dict[str, tuple[str, dict[str, Any], list[str], Any]] = {
     "decay": ("paper", {}, [*DOUBLING, "--azimuth", "decay"], None),
     "space": ("mother-of-pearl", {}, [*DOUBLING, "--azimuth", "space", "--incident-deg", "5:85:8"], None),
     "visible": ("paper", {"facets": {"slope_sd_deg": 5, "normals": "visible"}}, [*DOUBLING, "--azimuth", "space"], None),

@@ -9,8 +9,8 @@ import random
 import subprocess
 
 import numpy as np
-from mpmath import cos, exp, matrix, mp, mpc, mpf, pi, sin, sqrt
 from built import BIN
+from mpmath import cos, exp, matrix, mp, mpc, mpf, pi, sin, sqrt
 
 DIGITS = 40
 # Promises: absolute errors of R, T and A of single waves; what a wavelength's rounding (2^-53) changes counts five times on top.
@@ -24,6 +24,7 @@ class Refused(Exception):
 
 
 # Media -------------------------------------------------------------------------------------------------------------------------------
+
 
 def index(medium, nm):
     """n + ik of a medium of a recipe at a wavelength (a number of any kind)."""
@@ -62,6 +63,7 @@ def check(stack, angles, nm):
 
 # 40 digits ---------------------------------------------------------------------------------------------------------------------------
 
+
 def upper(w):
     z = sqrt(w)
     return -z if z.imag < 0 or (z.imag == 0 and z.real < 0) else z
@@ -88,7 +90,7 @@ class Wave:
         return kz if self.pol == "s" else kz / (n * n)
 
     def runs(self):
-        return [(r, [(mpc(*index(l, self.nm)), mpf(l["thickness_nm"])) for l in unit]) for r, unit in layers(self.stack) if r]
+        return [(r, [(mpc(*index(layer, self.nm)), mpf(layer["thickness_nm"])) for layer in unit]) for r, unit in layers(self.stack) if r]
 
     def phase(self, n, d):
         delta = 2 * pi * d / self.nm * self.kz(n)
@@ -156,6 +158,7 @@ def mixed(stack, nm, angle, pol, above_nm):
 
 # complex128 --------------------------------------------------------------------------------------------------------------------------
 
+
 def spectra(stack, nm, angle, pol, thicknesses=None):
     """R, T over arrays of wavelengths and of each layer's thickness."""
     nm = np.asarray(nm, dtype=float)
@@ -219,6 +222,7 @@ def over_thickness(stack, nm, angle, pol):
 
 # Requests ----------------------------------------------------------------------------------------------------------------------------
 
+
 def medium(draw, kind):
     """A dielectric (clear or absorbing), a metal, or an amplifier."""
     n = draw.uniform(1.2, 2.6)
@@ -240,8 +244,10 @@ def stack_of(draw, gain, thick):
     kinds = ["clear"] * 5 + ["absorbing"] * 3 + ["metal"] + (["gain"] * 3 if gain else [])
     thickness = lambda: draw.choice([draw.uniform(0, 50), draw.uniform(50, 600), draw.uniform(600, 4000)])
     layer = lambda: {**medium(draw, draw.choice(kinds)), "thickness_nm": thickness()}
-    stack = {"ambient": {"n": draw.choice([1.0, 1.0, draw.uniform(1, 2)])},
-             "substrate": medium(draw, draw.choice(["clear", "clear", "absorbing", "metal"]))}
+    stack = {
+        "ambient": {"n": draw.choice([1.0, 1.0, draw.uniform(1, 2)])},
+        "substrate": medium(draw, draw.choice(["clear", "clear", "absorbing", "metal"])),
+    }
     if thick or draw.random() < 0.8:
         stack["explicit"] = [layer() for _ in range(draw.randint(1, 16))]
         for at in draw.sample(range(len(stack["explicit"])), min(thick, len(stack["explicit"]))):
@@ -288,8 +294,8 @@ def request(seed):
         stack["substrate"] = plain(stack["substrate"])
         count = draw.randint(1, 6)
         stack["explicit"] = [
-            {**plain(medium(draw, draw.choice(["clear", "clear", "absorbing"]))), "thickness_nm": draw.uniform(20, 3000)}
-            for _ in range(count)]
+            {**plain(medium(draw, draw.choice(["clear", "clear", "absorbing"]))), "thickness_nm": draw.uniform(20, 3000)} for _ in range(count)
+        ]
         angles = angles[:1]
         if kind in ("gaussian", "lorentzian"):
             option["width"] = draw.uniform(0.5, 12)
@@ -309,22 +315,33 @@ def request(seed):
                 angles, nms = [0.0], [centre]
             option[kind] = 2048 if kind == "members" else draw.choice([0.01, 0.003])
     flags = {
-        "coherent": [], "mixed": ["--incoherent-above-nm", str(option.get("above_nm"))],
+        "coherent": [],
+        "mixed": ["--incoherent-above-nm", str(option.get("above_nm"))],
         "gaussian": ["--line-width-nm", str(option.get("width"))],
         "lorentzian": ["--line-width-nm", str(option.get("width")), "--line-shape", "lorentzian"],
         "members": ["--members", str(option.get("members")), "--seed", str(seed)],
         "accuracy": ["--accuracy", str(option.get("accuracy")), "--seed", str(seed)],
     }[kind]
-    return {"seed": seed, "kind": kind, "stack": stack, "angles": angles, "nms": nms, "pol": draw.choice("spu"),
-            "flags": flags, "option": option}
+    return {"seed": seed, "kind": kind, "stack": stack, "angles": angles, "nms": nms, "pol": draw.choice("spu"), "flags": flags, "option": option}
 
 
 def ask(folder, r):
     """The tool's answer, or None where it refuses in one line."""
     path = folder / f"{r['seed']}.json"
     path.write_text(json.dumps({"stack": r["stack"]}))
-    command = [BIN / "thinfilm", "spectrum", path, "--angles-deg", ",".join(map(repr, r["angles"])),
-               "--wavelengths-nm", f"{r['nms'][0]!r}:{r['nms'][0]!r}:1", "--pol", r["pol"], "--json", *r["flags"]]
+    command = [
+        BIN / "thinfilm",
+        "spectrum",
+        path,
+        "--angles-deg",
+        ",".join(map(repr, r["angles"])),
+        "--wavelengths-nm",
+        f"{r['nms'][0]!r}:{r['nms'][0]!r}:1",
+        "--pol",
+        r["pol"],
+        "--json",
+        *r["flags"],
+    ]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode == 2:
         assert len(done.stderr.strip().splitlines()) == 1, done.stderr
@@ -345,8 +362,9 @@ def off(r, answer):
     for at, angle in enumerate(r["angles"]):
         ours = [answer[name][at][0] for name in "RTA"]
         if kind in ("coherent", "mixed"):
-            one = lambda nm: mean_of(r["pol"], lambda pol: coherent(stack, nm, angle, pol) if kind == "coherent"
-                                     else mixed(stack, nm, angle, pol, option["above_nm"]))
+            one = lambda nm: mean_of(
+                r["pol"], lambda pol: coherent(stack, nm, angle, pol) if kind == "coherent" else mixed(stack, nm, angle, pol, option["above_nm"])
+            )
             theirs = one(mpf(nm))
             theirs = [*theirs, 1 - sum(theirs)]
             largest = float(max(1, *map(abs, theirs)))

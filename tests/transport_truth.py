@@ -10,8 +10,8 @@ import subprocess
 
 import numpy as np
 import OpenEXR
-from scipy import stats
 from built import BIN
+from scipy import stats
 
 PATHS = {"decay": 200_000, "space": 100_000}
 CELLS = {"decay": "48", "space": "16x8"}
@@ -26,6 +26,7 @@ INTERIOR, SINGLE, REHIT, TRANSMITTED, ABSORBED = range(5)
 
 
 # Recipes -----------------------------------------------------------------------------------------------------------------------------
+
 
 def material(dice, first=False):
     most = MOST_ABSORBING[0 if first else 1]
@@ -79,13 +80,12 @@ def layers(stack):
 
 
 def is_refused(stack):
-    over = any(
-        layer["k"] > MOST_ABSORBING[0 if i == 0 else 1] * layer["n"] for i, layer in enumerate(layers(stack))
-    )
+    over = any(layer["k"] > MOST_ABSORBING[0 if i == 0 else 1] * layer["n"] for i, layer in enumerate(layers(stack)))
     return over or stack["ambient"].get("k", 0) > 0
 
 
 # The walk ----------------------------------------------------------------------------------------------------------------------------
+
 
 class Walk:
     """Walks every path at once."""
@@ -180,16 +180,16 @@ class Walk:
             done = ends | lost
             fate[path[done]] = np.where(lost, ABSORBED, np.where(up, home, TRANSMITTED))[done]
             out[path[done]] = d[done]
-            path, d, medium, interface, events, entered, share = (
-                a[~done] for a in (path, d, medium, interface, events, entered, share)
-            )
+            path, d, medium, interface, events, entered, share = (a[~done] for a in (path, d, medium, interface, events, entered, share))
         return fate, out
 
 
 # Tables ------------------------------------------------------------------------------------------------------------------------------
 
+
 def warped(lo, hi, centre, width, cells):
     """Edges of cells, finest around a centre (docs/LUT-FORMAT.md §3)."""
+
     def side(room, count):
         return width * np.sinh(np.linspace(0, 1, count + 1) * np.arcsinh(room / width))
 
@@ -305,8 +305,13 @@ def judge(folder, seed):
             z = (got - want) / np.sqrt(got_error**2 + want_error**2)
             found.append((solver, what, z, 2 * stats.norm.sf(abs(z))))
 
-        wanted = {"albedo": home, "transmitted": fate == TRANSMITTED, "absorbed": fate == ABSORBED,
-                  "surface": (fate == SINGLE) | (fate == REHIT), "rehit": fate == REHIT}
+        wanted = {
+            "albedo": home,
+            "transmitted": fate == TRANSMITTED,
+            "absorbed": fate == ABSORBED,
+            "surface": (fate == SINGLE) | (fate == REHIT),
+            "rehit": fate == REHIT,
+        }
         for what, mask in wanted.items():
             want = mask.mean()
             if FEWEST / paths < want < 1 - FEWEST / paths:
@@ -320,8 +325,10 @@ def judge(folder, seed):
             sd = angle.std()
             fourth = np.mean((angle - angle.mean()) ** 4)
             spread = 0 if walked else DOUBLING_PERCENT[mode] / 100 * 90
-            for what, want, error in (("mean_theta_o_deg", angle.mean(), sd / np.sqrt(len(angle))),
-                                      ("sd_theta_o_deg", sd, np.sqrt((fourth - sd**4) / len(angle)) / (2 * sd))):
+            for what, want, error in (
+                ("mean_theta_o_deg", angle.mean(), sd / np.sqrt(len(angle))),
+                ("sd_theta_o_deg", sd, np.sqrt((fourth - sd**4) / len(angle)) / (2 * sd)),
+            ):
                 compare(what, at[what], at["std_error"][what] if walked else spread, want, error)
         for what, mask in (("interior", fate == INTERIOR), ("surface", wanted["surface"])):
             counts = np.histogramdd([place[mask] for place in places], table.edges)[0].T.ravel()

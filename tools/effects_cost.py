@@ -5,9 +5,11 @@
     python3 tools/effects_cost.py                              # prints the table
     python3 tools/effects_cost.py --document docs/EFFECTS.md   # and writes it into the page
 
-Medians of --repeats bakes of data/recipes/golden.json, which has matter for every effect but coherent sheets (they may not absorb). Seconds are processor seconds of the whole
-command with `--threads 1`, which other work on the machine changes little; bytes are those of the file.
+Medians of --repeats bakes of data/recipes/golden.json, which has matter for every effect but coherent sheets (they may
+not absorb). Seconds are processor seconds of the whole command with `--threads 1`, which other work on the machine
+changes little; bytes are those of the file.
 """
+
 import argparse
 import pathlib
 import statistics

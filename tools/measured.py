@@ -1,4 +1,5 @@
 """What the measuring commands of this folder share: the clock of their children, and tables written into pages."""
+
 import resource
 
 

@@ -11,6 +11,7 @@ no set-up in it. The walk of the library in the plane, all effects off, is compa
 (crates/transport/examples/pay_for_use); it gives the same exits, bit by bit. Exit code 3 if the walk takes over 1 % more than
 that kernel or the exits differ. Callgrind knows no AVX-512, so that both are compiled for AVX2.
 """
+
 import argparse
 import json
 import pathlib

@@ -11,6 +11,7 @@ Predicted are the seconds of `bake-brdf plan`; measured those of the command `ba
 Exit code 3 if one is off by more than a factor of 1.5. Other work on the machine makes
 it fail: `--cpu` compares processor seconds instead (with `--threads 1`), which other work changes less.
 """
+
 import argparse
 import json
 import pathlib
@@ -20,9 +21,9 @@ import sys
 import tempfile
 import time
 
-import nacre
-
 from measured import processor_seconds, write_table
+
+import nacre
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 FACTOR = 1.5

@@ -84,7 +84,7 @@ def span(part):
             return "a list of layers"
         return f"{part['minItems']} numbers, {span(items)}"
     low, high = part.get("minimum"), part.get("maximum")
-    number = lambda value: f"{value:,.10g}" if value is not None else ""  # noqa: E731
+    number = lambda value: f"{value:,.10g}" if value is not None else ""
     if low is not None and high is not None:
         return f"{number(low)} to {number(high)}"
     if low is not None:

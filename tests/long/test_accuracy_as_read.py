@@ -23,8 +23,7 @@ RECIPES = {
     "paper": {},
     "one-layer": {"stack": {"layers": 1}},
     "two-layers-near-match": {
-        "stack": {"layers": 2, "ambient": {"n": 1.33}, "aragonite": {"n": 1.53}, "conchiolin": {"n": 1.505},
-                  "substrate": {"n": 1.53}},
+        "stack": {"layers": 2, "ambient": {"n": 1.33}, "aragonite": {"n": 1.53}, "conchiolin": {"n": 1.505}, "substrate": {"n": 1.53}},
     },
     "absorbing": {"stack": {"layers": 60, "aragonite": {"k": 2e-4}, "conchiolin": {"k": 5e-3}}},
     "narrow": {"stack": {"layers": 40}, "facets": {"slope_sd_deg": 0.3}},
@@ -91,10 +90,13 @@ def truth(folder, recipe, azimuth, percent, incident):
 def found(evaluator, folder, name, azimuth, percent, against, incident, *how):
     """The worst of all light, of the interior and of the re-hits over the incidences, per cent, and what the table states."""
     read, said = table(folder, f"a{percent}", RECIPES[name], "--azimuth", azimuth, "--accuracy", percent, *how)
-    missed = np.array([apart(evaluator, read, *against, azimuth, np.radians(angle)) for angle in incident])
+    exact, info = against
+    missed = np.array([apart(evaluator, read, exact, info, azimuth, np.radians(angle)) for angle in incident])
     worst, stated = missed.max(0), said["accuracy"]["reached_percent"]
-    print(f"{name} {azimuth} {percent} %: all {worst[0]:.4f} at {incident[missed[:, 0].argmax()]}°, interior {worst[1]:.4f}, "
-          f"re-hits {worst[2]:.4f}; said {stated:.4f}, {len(said['per_incidence'])} rows, {said['exit_axis']}")
+    print(
+        f"{name} {azimuth} {percent} %: all {worst[0]:.4f} at {incident[missed[:, 0].argmax()]}°, interior {worst[1]:.4f}, "
+        f"re-hits {worst[2]:.4f}; said {stated:.4f}, {len(said['per_incidence'])} rows, {said['exit_axis']}"
+    )
     return worst.max(), stated
 
 

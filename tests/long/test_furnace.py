@@ -8,6 +8,7 @@ import json
 import os
 import random
 import subprocess
+
 from built import BIN
 
 FURNACES = int(os.environ.get("NACRE_FURNACES", "10000"))
@@ -20,12 +21,20 @@ def random_recipe(draw):
     def layer():
         thickness = 10 ** draw.uniform(1.0, 2.9)
         irregularity = draw.choice([0.0, draw.uniform(0.0, 0.2)])
-        return {"n": draw.uniform(1.2, 2.2), "k": draw.choice([0.0, 10 ** draw.uniform(-6.0, -3.0)]),
-                "thickness_nm": thickness, "thickness_sd_nm": irregularity * thickness}
+        return {
+            "n": draw.uniform(1.2, 2.2),
+            "k": draw.choice([0.0, 10 ** draw.uniform(-6.0, -3.0)]),
+            "thickness_nm": thickness,
+            "thickness_sd_nm": irregularity * thickness,
+        }
 
     return {
-        "stack": {"layers": int(10 ** draw.uniform(0.0, 2.9)), "aragonite": layer(), "conchiolin": layer(),
-                  "substrate": {"n": draw.uniform(1.0, 2.5)}},
+        "stack": {
+            "layers": int(10 ** draw.uniform(0.0, 2.9)),
+            "aragonite": layer(),
+            "conchiolin": layer(),
+            "substrate": {"n": draw.uniform(1.0, 2.5)},
+        },
         "facets": {"slope_sd_deg": draw.uniform(1.0, 12.0)},
         "azimuth": {"mode": draw.choice(["decay", "decay", "space"])},
         "look": {"depth": 0.5, "coherence": 0.5},
@@ -37,8 +46,10 @@ def bake(folder, number, recipe):
     path, table = folder / f"{number}.json", folder / f"{number}.exr"
     path.write_text(json.dumps(recipe))
     done = subprocess.run(
-        [BIN / "bake-brdf", path, "--solver", "doubling", "--accuracy", "5", "--incident-deg", "0:90:5", "--threads", "1",
-         "-q", "-o", table], capture_output=True, text=True)
+        [BIN / "bake-brdf", path, "--solver", "doubling", "--accuracy", "5", "--incident-deg", "0:90:5", "--threads", "1", "-q", "-o", table],
+        capture_output=True,
+        text=True,
+    )
     if done.returncode == 2:
         print(f"refused: {done.stderr.strip()}")
         return None
@@ -53,14 +64,25 @@ def random_controls(draw):
     def share():
         return f"{draw.choice([0.0, 1.0, draw.random(), draw.random()]):.3f}"
 
-    return ["--depth", share(), "--brightness", share(), "--coherence", share(),
-            "--body-rgb", draw.choice(["1,1,1", colour()]), "--tint-rgb", draw.choice(["1,1,1", colour()])]
+    return [
+        "--depth",
+        share(),
+        "--brightness",
+        share(),
+        "--coherence",
+        share(),
+        "--body-rgb",
+        draw.choice(["1,1,1", colour()]),
+        "--tint-rgb",
+        draw.choice(["1,1,1", colour()]),
+    ]
 
 
 def furnace(table, controls):
     """Largest and least albedo of any channel and angle."""
-    done = subprocess.run([BIN / "pearl", "furnace", table, *controls, "--steps", str(STEPS), "--threads", "1", "--json"],
-                          capture_output=True, text=True)
+    done = subprocess.run(
+        [BIN / "pearl", "furnace", table, *controls, "--steps", str(STEPS), "--threads", "1", "--json"], capture_output=True, text=True
+    )
     assert done.returncode in (0, 3), done.stderr
     albedos = [albedo for row in json.loads(done.stdout)["per_incidence"] for albedo in row["albedo"]]
     return max(albedos), min(albedos)
@@ -89,8 +111,7 @@ def test_no_channel_sends_out_more_than_it_receives(tmp_path):
                     failures.append((number, seeds[number], controls, most))
             if results:
                 # After every recipe, so that a run that is cut off leaves its figure.
-                print(f"{count} furnaces so far: largest albedo 1 + {largest - 1.0:.2e}, {len(failures)} above 1 + 1e-4",
-                      flush=True)
+                print(f"{count} furnaces so far: largest albedo 1 + {largest - 1.0:.2e}, {len(failures)} above 1 + 1e-4", flush=True)
     print(f"{count} furnaces of {recipes} recipes: largest albedo 1 + {largest - 1.0:.2e}, {len(failures)} above 1 + 1e-4")
     assert count > FURNACES // 2, "too many recipes were refused for the figure to mean anything"
     assert not failures, failures[:5]

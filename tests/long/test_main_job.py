@@ -45,13 +45,13 @@ def degrees(angles):
 def test_walk_agrees_with_the_reference_solutions(case, geometry, tmp_path):
     truth = case[geometry]
     recipe = {"stack": case["stack"], "facets": case["facets"]}
-    table = bake(tmp_path, "table", "--paths", 1_000_000, "--azimuth", AZIMUTH[geometry],
-                 "--incident-deg", degrees(truth["theta_i_deg"]), recipe=recipe)
+    table = bake(
+        tmp_path, "table", "--paths", 1_000_000, "--azimuth", AZIMUTH[geometry], "--incident-deg", degrees(truth["theta_i_deg"]), recipe=recipe
+    )
     rows = info(table)["per_incidence"]
     worst = 0.0
     for i, row in enumerate(rows):
-        expected = {"albedo": truth["albedo"][i], "transmitted": truth["transmitted"][i],
-                    "surface": truth["surface"][i]}
+        expected = {"albedo": truth["albedo"][i], "transmitted": truth["transmitted"][i], "surface": truth["surface"][i]}
         expected |= {MOMENTS[name]: truth[name][i] for name in MOMENTS}
         for name, value in expected.items():
             z = (row[name] - value) / row["std_error"][name]
@@ -68,8 +68,11 @@ def test_walk_agrees_with_the_reference_solutions(case, geometry, tmp_path):
 def test_accuracy_promised_and_reached(tmp_path):
     """Truth: a bake with 100 times the paths of the finest. Reached in at least 8 of 9, never three times too good."""
     incidences = ["--incident-deg", "0,30,60,85"]
-    bakes = {(percent, seed): bake(tmp_path, f"a{percent}s{seed}", "--accuracy", percent, "--seed", seed, *incidences)
-             for percent in (5, 2, 1) for seed in (1, 2, 3)}
+    bakes = {
+        (percent, seed): bake(tmp_path, f"a{percent}s{seed}", "--accuracy", percent, "--seed", seed, *incidences)
+        for percent in (5, 2, 1)
+        for seed in (1, 2, 3)
+    }
     paths = max(row["paths"] for row in info(bakes[1, 1])["per_incidence"])
     truth = bake(tmp_path, "truth", "--paths", 100 * paths, "--seed", 1000, *incidences)
     kept = 0
@@ -122,8 +125,9 @@ def test_a_hundredth_of_a_degree_is_nearly_smooth(tmp_path):
     """σ = 0.01° against σ = 0, whose shares have a closed form in the doubling solver."""
     rows = {}
     for sigma, solver in ((0.01, ["--paths", 1_000_000]), (0, ["--solver", "doubling", "--accuracy", 1])):
-        table = bake(tmp_path, f"s{sigma}", *solver, "--incident-deg", "0,30,60,80",
-                     recipe={"stack": {"layers": 50}, "facets": {"slope_sd_deg": sigma}})
+        table = bake(
+            tmp_path, f"s{sigma}", *solver, "--incident-deg", "0,30,60,80", recipe={"stack": {"layers": 50}, "facets": {"slope_sd_deg": sigma}}
+        )
         rows[sigma] = info(table)["per_incidence"]
     for rough, smooth in zip(rows[0.01], rows[0], strict=True):
         for field in ("albedo", "surface", "transmitted"):
@@ -139,8 +143,7 @@ def test_peak_memory_of_a_header_that_claims_too_much(tmp_path):
     at = data.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
     data[at + 8 : at + 16] = np.array([2**31 - 2] * 2, "<i4").tobytes()
     (tmp_path / "claims.exr").write_bytes(data)
-    done = subprocess.run(["bash", "-c", f"ulimit -v 400000; exec {BIN / 'lut'} info claims.exr"],
-                          cwd=tmp_path, capture_output=True, text=True)
+    done = subprocess.run(["bash", "-c", f"ulimit -v 400000; exec {BIN / 'lut'} info claims.exr"], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 2 and len(done.stderr.strip().splitlines()) == 1, done
     print(done.stderr.strip())
 

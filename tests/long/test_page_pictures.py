@@ -29,10 +29,11 @@ CASES = {
 def test_the_page_renders_what_the_plugin_does(tmp_path):
     mi.set_variant("llvm_ad_rgb")
     import converged
-    import nacre.mitsuba  # noqa: F401
     import scenes
     import ways
     from tables import Tools
+
+    import nacre.mitsuba  # noqa: F401
 
     worst = []
     with Tools(tmp_path) as tools:

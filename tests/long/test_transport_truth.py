@@ -34,7 +34,11 @@ def test_both_solvers_walk_random_recipes_as_an_independent_program_does(tmp_pat
         p = np.array([row[0] for row in rows])
         uniform = stats.kstest(p, "uniform").pvalue
         least, z, seed = min(rows)
-        print(f"{solver:>8} {what:>16}: {len(rows):4}, least p {least:.1e}" + (f" (z {z:+.1f})" if z else "") + f" at seed {seed}, uniform p {uniform:.3f}")
+        print(
+            f"{solver:>8} {what:>16}: {len(rows):4}, least p {least:.1e}"
+            + (f" (z {z:+.1f})" if z else "")
+            + f" at seed {seed}, uniform p {uniform:.3f}"
+        )
         if least * trials < SIGNIFICANCE:
             wrong.append(f"{solver} {what} at seed {seed}: p {least:.1e}")
         # What a doubling may be off by is counted as if it were noise, so that its p are large.

@@ -25,8 +25,11 @@ THICK = ("space", "reciprocal-decay", "compact", "dispersed")
 LOOKS = {
     "recipe": {},
     "painted": {
-        "depth": 0.7, "brightness": 0.6, "coherence": 0.9,
-        "body_rgb": [0.95, 0.6, 0.2], "tint_rgb": [0.6, 1.0, 0.8],
+        "depth": 0.7,
+        "brightness": 0.6,
+        "coherence": 0.9,
+        "body_rgb": [0.95, 0.6, 0.2],
+        "tint_rgb": [0.6, 1.0, 0.8],
     },
 }
 

@@ -79,7 +79,7 @@ def test_shards_of_another_recipe_of_the_sweep_are_refused(monkeypatch, recipe):
 
     sweep = {"one": {"stack": {"layers": 10}}, "other": {"stack": {"layers": 12}}}
     walked = dask_bake.walk
-    swapped = lambda content, *rest: walked({"stack": {"layers": 22 - content["stack"]["layers"]}}, *rest)  # noqa: E731
+    swapped = lambda content, *rest: walked({"stack": {"layers": 22 - content["stack"]["layers"]}}, *rest)
     with distributed.Client(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as client:
         tables = dict(dask_bake.bake(client, sweep, paths=2000, shards=2, incident_deg=[0, 40]))
         assert [table.meta["recipe"]["stack"]["layers"] for _, table in sorted(tables.items())] == [10, 12]
@@ -89,7 +89,7 @@ def test_shards_of_another_recipe_of_the_sweep_are_refused(monkeypatch, recipe):
 
 
 def test_shards_that_make_no_bake_are_refused(recipe):
-    walk = lambda index, count=2, **options: nacre.walk_shard(recipe, index, count, **{"paths": 2000, "incident_deg": [0], **options})  # noqa: E731
+    walk = lambda index, count=2, **options: nacre.walk_shard(recipe, index, count, **{"paths": 2000, "incident_deg": [0], **options})
     first, second = walk(1), walk(2)
     assert nacre.merge([second, first]) == nacre.bake(recipe, solver="walk", paths=2000, incident_deg=[0])
     for shards, said in (

@@ -15,8 +15,9 @@ FULL = os.environ.get("NACRE_FULL", "") not in ("", "0")
 
 mi = pytest.importorskip("mitsuba")
 OpenEXR = pytest.importorskip("OpenEXR")
-import nacre.mitsuba  # noqa: E402, F401
 import test_plugin  # noqa: E402
+
+import nacre.mitsuba  # noqa: E402, F401
 
 RECIPES = ["paper", "akoya", "mother-of-pearl", "golden"]
 TABLES = [(recipe, azimuth) for recipe in RECIPES for azimuth in ("decay", "space")]
@@ -109,10 +110,7 @@ def test_the_documented_rule_expands_an_analytic_file(fitted):
     x, y = 2 * (np.arange(columns) + 0.5) / columns - 1, (np.arange(rows) + 0.5) / rows
     terms = meta["compact"]["form"]["terms"]
     for i, at in enumerate(meta["per_incidence"]):
-        polynomial = sum(
-            c * np.cos(m * np.arccos(x))[None, :] * np.cos(2 * n * np.arccos(y))[:, None]
-            for c, (m, n) in zip(coefficients[i], terms)
-        )
+        polynomial = sum(c * np.cos(m * np.arccos(x))[None, :] * np.cos(2 * n * np.arccos(y))[:, None] for c, (m, n) in zip(coefficients[i], terms))
         light = (np.exp(polynomial) * weights[i * rows : (i + 1) * rows]).sum()
         assert light == pytest.approx(at["albedo"] - at["surface"], rel=1e-4, abs=1e-6)
 

@@ -16,15 +16,12 @@ pytest.importorskip("drjit")
 pytest.importorskip("mitsuba")
 import llvm  # noqa: E402  (it needs drjit)
 
-
 LLVM_MISSING = llvm.missing("the comparison harness is")
 
 
 def compare(*args):
     environment = {"NACRE_BIN": str(ROOT / "target" / "release"), **os.environ}
-    return subprocess.run(
-        [sys.executable, ROOT / "tools" / "compare", *map(str, args)], capture_output=True, text=True, env=environment
-    )
+    return subprocess.run([sys.executable, ROOT / "tools" / "compare", *map(str, args)], capture_output=True, text=True, env=environment)
 
 
 def test_the_quick_comparison_keeps_its_limits(tmp_path):
@@ -61,9 +58,7 @@ def test_the_speed_script_times_both_and_refuses_in_one_line(tmp_path):
         pytest.skip(LLVM_MISSING)
     script = ROOT / "tools" / "compare" / "speed.py"
     environment = {"NACRE_BIN": str(ROOT / "target" / "release"), **os.environ}
-    run = lambda *args: subprocess.run(  # noqa: E731
-        [sys.executable, script, *args], capture_output=True, text=True, env=environment
-    )
+    run = lambda *args: subprocess.run([sys.executable, script, *args], capture_output=True, text=True, env=environment)
     # Small pictures say nothing of the speed: only that both were rendered.
     small = ("--size", "24", "--spp", "4", "--repeats", "2", "--variants", "llvm_ad_rgb", "--json")
     done = run(*small)
@@ -96,7 +91,7 @@ def test_pictures_that_differ_fail():
     main = compare_main()
     random = np.random.default_rng(1)
     picture = random.uniform(0.2, 1.0, (256, 3))
-    verdicts = lambda lines: [line["verdict"] for line in lines]  # noqa: E731
+    verdicts = lambda lines: [line["verdict"] for line in lines]
     limits = main.LIMIT_MEASURED
     assert verdicts(main.against("x", "a", picture, picture, limits)) == ["pass", "pass", "pass"]
     assert verdicts(main.against("x", "a", picture * 1.002, picture, limits))[:2] == ["pass", "fail"]

@@ -33,8 +33,7 @@ def pairs(table, theta_i_deg):
     samples = [s for s in map(json.loads, drawn.splitlines()) if s["wo"]]
     lines = "\n".join(json.dumps({"wi": wi, "wo": s["wo"]}) for s in samples)
     nm = ",".join(map(str, WAVELENGTHS_NM))
-    values = [json.loads(line) for line in
-              run("pearl", "eval", table, "--input", "-", "--wavelengths-nm", nm, input=lines).splitlines()]
+    values = [json.loads(line) for line in run("pearl", "eval", table, "--input", "-", "--wavelengths-nm", nm, input=lines).splitlines()]
     return wi, [(s["wo"], s["pdf"], v["rgb"], v["spectral"]) for s, v in zip(samples, values)]
 
 

@@ -12,19 +12,14 @@ from built import run
 OpenEXR = pytest.importorskip("OpenEXR")
 mi = pytest.importorskip("mitsuba")
 
-LOBES = [
-    f"{component}{suffix}"
-    for component in ("interior", "surface", "rehit")
-    for suffix in ("", "_std_error", "_count")
-]
+LOBES = [f"{component}{suffix}" for component in ("interior", "surface", "rehit") for suffix in ("", "_std_error", "_count")]
 COORDINATES = ["theta_i_deg", "theta_o_deg", "phi_deg", "weight_sr"]
 
 
 @pytest.fixture(scope="module", params=["decay", "space"])
 def table(request, tmp_path_factory):
     path = tmp_path_factory.mktemp("table") / f"{request.param}.exr"
-    run("bake-brdf", "--azimuth", request.param, "--paths", 20000, "--incident-deg", "0,30,75",
-        "--seed", 11, "-q", "-o", path)
+    run("bake-brdf", "--azimuth", request.param, "--paths", 20000, "--incident-deg", "0,30,75", "--seed", 11, "-q", "-o", path)
     return path
 
 
@@ -41,9 +36,7 @@ def channels(table):
         rows = json.loads(file.header()["pearl"])["per_incidence"]
         pixels = {name: channel.pixels for name, channel in file.channels().items()}
     assert all(array.dtype == np.float32 for array in pixels.values())
-    return {
-        name: array.reshape(len(rows), -1, array.shape[1]) for name, array in pixels.items()
-    }
+    return {name: array.reshape(len(rows), -1, array.shape[1]) for name, array in pixels.items()}
 
 
 def same_bits(a, b):
@@ -84,9 +77,7 @@ def test_slices_at_stored_directions_are_the_stored_bits(table, channels, info):
         assert theta_i == np.float32(summary["theta_i_deg"])
         phi = channels["phi_deg"][i]
         for azimuth in np.unique(phi):
-            printed = json.loads(
-                run("lut", "slice", table, "--theta-i", theta_i, "--phi", azimuth, "--json")
-            )
+            printed = json.loads(run("lut", "slice", table, "--theta-i", theta_i, "--phi", azimuth, "--json"))
             assert printed["stored"] is True
             here = phi == azimuth
             order = np.argsort(channels["theta_o_deg"][i][here], kind="stable")
@@ -99,10 +90,7 @@ def test_slices_at_stored_directions_are_the_stored_bits(table, channels, info):
 def test_values_times_weights_are_the_shares_of_light(channels, info):
     weight = channels["weight_sr"].astype(np.float64)
     for i, summary in enumerate(info["per_incidence"]):
-        share = {
-            name: float((channels[name][i].astype(np.float64) * weight[i]).sum())
-            for name in ("interior", "surface", "rehit")
-        }
+        share = {name: float((channels[name][i].astype(np.float64) * weight[i]).sum()) for name in ("interior", "surface", "rehit")}
         # Rounding of f32 in values and weights, averaged over some hundred cells.
         assert share["surface"] == pytest.approx(summary["surface"], rel=1e-6)
         assert share["rehit"] == pytest.approx(summary["rehit"], rel=1e-6, abs=1e-12)
@@ -172,14 +160,9 @@ def test_a_reader_written_from_the_documentation_agrees(table, channels, info):
     for summary in info["per_incidence"]:
         theta_i = summary["theta_i_deg"]
         for phi in (3.0, 17.0, 64.0, 130.0):
-            printed = json.loads(
-                run("lut", "slice", table, "--theta-i", theta_i, "--phi", phi, "--json")
-            )
+            printed = json.loads(run("lut", "slice", table, "--theta-i", theta_i, "--phi", phi, "--json"))
             for component in ("interior", "surface"):
-                read = [
-                    by_documentation(info, channels, component, theta_i, theta_o, phi)
-                    for theta_o in printed["theta_o_deg"]
-                ]
+                read = [by_documentation(info, channels, component, theta_i, theta_o, phi) for theta_o in printed["theta_o_deg"]]
                 peak = max(printed[component])
                 # The correction at stored incidences is the rounding of f32.
                 np.testing.assert_allclose(read, printed[component], rtol=1e-5, atol=1e-6 * peak)

@@ -39,7 +39,10 @@ def baked(folder, *args):
 def started(folder, *args):
     return subprocess.Popen(
         [BIN / "bake-brdf", *map(str, args)],
-        cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
     )
 
 
@@ -149,9 +152,7 @@ def test_an_interrupt_writes_a_last_checkpoint(tmp_path):
 @contextlib.contextmanager
 def small_disk(folder, kibibytes):
     """A tmpfs, which only root may mount."""
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={kibibytes}k", "tmpfs", folder], capture_output=True, text=True
-    )
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={kibibytes}k", "tmpfs", folder], capture_output=True, text=True)
     if mounted.returncode != 0:
         pytest.skip(f"NOT TESTED: a full disk. Mounting a small tmpfs needs root: {mounted.stderr.strip()}")
     try:

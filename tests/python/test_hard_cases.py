@@ -99,7 +99,10 @@ def test_every_hard_case_of_the_plugin_has_its_answer(variant, table):
         answer, naive_gives, ours, error = MEASURES[kind](table, bsdf, case)
         # Written so that a NaN fails.
         passes = error <= case["tolerance"]
-        print(f"{'ok    ' if passes else 'FAILED'} {case['id']} ({variant}): {answer} ({case['answer']}); naive {naive_gives}; ours {ours}; error {error:.1e} of {case['tolerance']}")
+        print(
+            f"{'ok    ' if passes else 'FAILED'} {case['id']} ({variant}): {answer} ({case['answer']}); naive {naive_gives}; "
+            f"ours {ours}; error {error:.1e} of {case['tolerance']}"
+        )
         if not passes:
             failed.append(case["id"])
         cells = [case["id"], case["why"], number(answer), case["answer"], NAIVE[kind], number(naive_gives), number(ours), f"{error:.1e}"]

@@ -16,8 +16,8 @@ from built import BIN, ROOT, run
 
 sys.path.insert(0, str(ROOT / "tools" / "compare"))
 
-import browser as chromium  # noqa: E402
-import colour  # noqa: E402
+import browser as chromium
+import colour
 
 MISSING = chromium.reason() and f"the page is NOT TESTED: {chromium.reason()}"
 PAGE = chromium.PAGE
@@ -38,7 +38,8 @@ PAIRS = 2000
 EVALUATE = """async ([wi, wo]) => {
   const { evaluate } = await import("nacre/probe.js");
   const found = await evaluate(nacre.page.pearls.of.a, unpack(wi), unpack(wo));
-  return [pack(Float32Array.from(found.pdf)), ...["diffuse", "incoherent", "mirror", "blur"].map((name) => pack(Float32Array.from(found[name].flat())))];
+  const components = ["diffuse", "incoherent", "mirror", "blur"].map((name) => found[name].flat());
+  return [found.pdf, ...components].map((numbers) => pack(Float32Array.from(numbers)));
 }"""
 SAMPLE = """async ([wi, side, seed]) => {
   const { sample } = await import("nacre/probe.js");
@@ -403,9 +404,9 @@ def test_every_module_is_small_and_says_what_it_is():
         text = path.read_text(encoding="utf-8")
         assert text.startswith("/**"), f"{path.name} opens with what it is"
         # three.js reads one of them.
-        outside = "from \"three\"" if path.name == "three.js" else "from \"nacre/"
+        outside = 'from "three"' if path.name == "three.js" else 'from "nacre/'
         imported = [line for line in text.splitlines() if line.startswith("import ")]
-        assert all("from \"nacre/" in line or outside in line for line in imported), path.name
+        assert all('from "nacre/' in line or outside in line for line in imported), path.name
 
 
 def test_the_studio_bakes_what_its_page_asks_for(browser):

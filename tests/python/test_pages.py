@@ -7,7 +7,6 @@ import subprocess
 import sys
 
 import pytest
-
 from spellchecker import SpellChecker
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]

@@ -20,7 +20,8 @@ dr = pytest.importorskip("drjit")
 mi = pytest.importorskip("mitsuba")
 import colour as colour_difference  # noqa: E402  (the comparison's)
 import llvm  # noqa: E402  (it needs drjit)
-import nacre.mitsuba  # noqa: E402, F401  (before any variant is set: it registers itself when one is)
+
+import nacre.mitsuba  # noqa: E402  (before any variant is set: it registers itself when one is)
 
 VARIANTS = [name for name in mi.variants() if name.startswith(("llvm", "scalar"))]
 PAIRS = 20_000
@@ -233,12 +234,10 @@ def test_controls_do_what_they_do_in_rust(variant, look, tables):
     depth, brightness, coherence, body, tint = look
     if "spectral" in variant:
         body = GREY  # Mitsuba turns an RGB body colour into a smoother spectrum than Rust does
-    listed = lambda values: ",".join(map(str, values))  # noqa: E731
+    listed = lambda values: ",".join(map(str, values))
     args = ["--depth", depth, "--brightness", brightness, "--coherence", coherence]
     values, densities, _ = rust(tables["decay"], wi, wo, *map(str, args), "--body-rgb", listed(body), "--tint-rgb", listed(tint))
-    bsdf = load(
-        tables["decay"], depth=depth, brightness=brightness, coherence=coherence, body_color=rgb(body), tint=rgb(tint)
-    )
+    bsdf = load(tables["decay"], depth=depth, brightness=brightness, coherence=coherence, body_color=rgb(body), tint=rgb(tint))
     found, pdf = plugin(bsdf, wi, wo)
     for channel, expected in zip(found.T, expected_of(values).T):
         if expected.any():
@@ -290,7 +289,7 @@ def test_directions_at_the_pole_and_the_horizon_are_finite(variant, kind, tables
 
 def mean_colour(bsdf, view, light):
     """Colour of a plate seen and lit from two angles in the plane of incidence, degrees, rendered by Mitsuba."""
-    at = lambda degrees, far: [far * float(np.sin(np.radians(degrees))), 0.0, far * float(np.cos(np.radians(degrees)))]  # noqa: E731
+    at = lambda degrees, far: [far * float(np.sin(np.radians(degrees))), 0.0, far * float(np.cos(np.radians(degrees)))]
     away = [-x for x in at(light, 1.0)]
     scene = mi.load_dict({
         "type": "scene",
@@ -369,7 +368,7 @@ class LobeDomain:
         elevation = np.radians(90 - angle)
         self.centre, self.width = float(np.clip(elevation, 1e-4, np.pi / 2 - 1e-4)), 0.03
         self.width_phi = float(max(3e-4, 0.05 * np.cos(np.radians(angle))))
-        stretch = lambda x, width: float(np.arcsinh(x / width))  # noqa: E731
+        stretch = lambda x, width: float(np.arcsinh(x / width))
         self.lo = [-stretch(self.centre, self.width), -stretch(np.pi, self.width_phi)]
         self.hi = [stretch(np.pi / 2 - self.centre, self.width), stretch(np.pi, self.width_phi)]
 
@@ -394,7 +393,7 @@ class LobeDomain:
 
     def coordinates(self, w):
         """Coordinates of a direction."""
-        stretch = lambda x, width: dr.log(dr.abs(x) / width + dr.sqrt(dr.square(x / width) + 1)) * dr.sign(x)  # noqa: E731
+        stretch = lambda x, width: dr.log(dr.abs(x) / width + dr.sqrt(dr.square(x / width) + 1)) * dr.sign(x)
         elevation = dr.atan2(w.z, dr.sqrt(w.x * w.x + w.y * w.y))
         x = stretch(elevation - self.centre, self.width)
         y = stretch(dr.atan2(-w.y, -w.x), self.width_phi)
@@ -662,12 +661,12 @@ def test_derivatives_are_those_of_finite_differences(variant, tables):
         set_parameter(bsdf, name, mi.Float(value))
     for channel in range(3):
         unit = [float(k == channel) for k in range(3)]
-        move = lambda at, x, unit=unit: mi.Color3f(*(a + x * u for a, u in zip(at, unit)))  # noqa: E731
+        move = lambda at, x, unit=unit: mi.Color3f(*(a + x * u for a, u in zip(at, unit)))
         check_gradient(bsdf, "tint", move, [0.9, 0.6, 0.3], 0.05)
     if variant == "llvm_ad_rgb":
         for channel in range(3):
             unit = [float(k == channel) for k in range(3)]
-            move = lambda at, x, unit=unit: mi.Color3f(*(a + x * u for a, u in zip(at, unit)))  # noqa: E731
+            move = lambda at, x, unit=unit: mi.Color3f(*(a + x * u for a, u in zip(at, unit)))
             check_gradient(bsdf, "body_color.value", move, [0.6, 0.5, 0.4], 0.02)
     bsdf = load(tables["decay"], body_color=rgb(GREY))
     lut = mi.TensorXf(mi.traverse(bsdf)["lut"])

@@ -14,6 +14,7 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 mi = pytest.importorskip("mitsuba")
 import llvm  # noqa: E402  (it needs drjit)
+
 import nacre  # noqa: E402
 import nacre.cache  # noqa: E402
 import nacre.mitsuba  # noqa: E402
@@ -84,7 +85,10 @@ def test_a_recipe_gives_what_its_table_gives(cache, recipe, tmp_path):
     assert "recipe thin" in str(bsdf)
     # A file beside the scene is found as its other files are.
     scene = tmp_path / "scene.xml"
-    scene.write_text('<scene version="3.0.0"><bsdf type="pearl" id="p"><string name="recipe" value="thin.json"/></bsdf><shape type="sphere"><ref id="p"/></shape></scene>')
+    scene.write_text(
+        '<scene version="3.0.0"><bsdf type="pearl" id="p"><string name="recipe" value="thin.json"/></bsdf>'
+        '<shape type="sphere"><ref id="p"/></shape></scene>'
+    )
     assert "recipe thin" in str(mi.load_file(str(scene)).shapes()[0].bsdf())
 
 

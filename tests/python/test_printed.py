@@ -76,9 +76,7 @@ def test_the_notebook_says_what_it_said():
 
     def text(book):
         # Figures depend on matplotlib's version; what is printed does not.
-        return [
-            (cell["source"], [output.get("text", "a figure") for output in cell.get("outputs", [])]) for cell in book["cells"]
-        ]
+        return [(cell["source"], [output.get("text", "a figure") for output in cell.get("outputs", [])]) for cell in book["cells"]]
 
     assert text(now) == text(stored), "python tools/notebook.py docs/examples/notebook.py -o docs/pearl.ipynb"
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from built import BIN, ROOT
 
-
 mi = pytest.importorskip("mitsuba")
 import llvm  # noqa: E402
-import nacre.mitsuba  # noqa: E402, F401
 import test_plugin  # noqa: E402
+
+import nacre.mitsuba  # noqa: E402, F401
 
 
 def run(tool, *args, expect=0, **keywords):

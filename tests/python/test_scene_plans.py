@@ -157,7 +157,7 @@ def test_values_of_names_go_before_their_defaults_and_those_of_no_name_are_refus
 def test_the_variant_is_the_one_given_or_what_the_scene_hints_at():
     write("r.json", json.dumps(THIN | {"stack": {"layers": 6, "aragonite": {"n": {"cauchy": [1.5, 0.01]}}}}))
     body = '<string name="recipe" value="r.json"/>'
-    why = lambda text, effect, **options: plan(text, **options)["p"]["effects"][effect]["why"]  # noqa: E731
+    why = lambda text, effect, **options: plan(text, **options)["p"]["effects"][effect]["why"]
     plain = on_sphere(body)
     assert why(plain, "polarisation") == "the variant is not polarised (default)"
     assert why(plain, "polarisation", variant="llvm_ad_spectral_polarized") == "the variant is polarised (as given)"
@@ -309,7 +309,7 @@ def test_what_mitsuba_refuses_is_one_line_that_names_the_place(text, said):
 def test_a_table_in_place_of_a_recipe_says_what_it_shows():
     """What it has no colours for is off, as in the plugin; one that is not there yet is planned as the paper's pearl."""
     nacre.bake(THIN, effects="surface,blur,body", solver="doubling", accuracy=20).save("t.exr")
-    named = lambda name, more="": on_sphere(f'<string name="filename" value="{name}"/>{more}')  # noqa: E731
+    named = lambda name, more="": on_sphere(f'<string name="filename" value="{name}"/>{more}')
     found = plan(named("t.exr"))["p"]
     assert found["recipe"]["name"] == "thin" and on(found) == {"surface", "blur", "azimuth", "body"}
     assert found["effects"]["emission"]["why"] == "depth 0 (./t.exr)"

@@ -14,8 +14,9 @@ dr = pytest.importorskip("drjit")
 mi = pytest.importorskip("mitsuba")
 import colour  # noqa: E402  (the comparison's)
 import llvm  # noqa: E402  (it needs drjit)
+
 import nacre  # noqa: E402
-import nacre.mitsuba  # noqa: E402, F401
+import nacre.mitsuba  # noqa: E402
 
 PAIRS = 2000
 #: A thin pearl, whose fringes are resolved by either bake.
@@ -201,7 +202,7 @@ def test_gradients_of_thickness_are_those_of_differences(thick, folder):
     params.update()
     value = bsdf.eval(mi.BSDFContext(), interaction(wi), mi.Vector3f(wo.T))
     dr.backward(dr.sum(value.x - 0.5 * value.z))
-    at = lambda s: (nacre.Pearl(thick, thickness=s).eval(wi, wo) @ [1.0, 0.0, -0.5]).sum()  # noqa: E731
+    at = lambda s: (nacre.Pearl(thick, thickness=s).eval(wi, wo) @ [1.0, 0.0, -0.5]).sum()
     # Both ends lie between the same two scales.
     difference = (at(0.9032) - at(0.9030)) / 2e-4
     assert abs(float(thickness.grad[0]) / difference - 1.0) < 1e-2

@@ -33,18 +33,31 @@ def recipe(folder, indices, thicknesses):
     medium = lambda n: {"n": n.real, "k": n.imag}
     layers = [{**medium(n), "thickness_nm": d} for n, d in zip(indices[1:-1], thicknesses)]
     path = folder / "recipe.json"
-    path.write_text(json.dumps({
-        "schema": "pearl-recipe/1",
-        "stack": {"ambient": {"n": 1.0}, "explicit": layers, "substrate": medium(indices[-1])},
-    }))
+    path.write_text(
+        json.dumps(
+            {
+                "schema": "pearl-recipe/1",
+                "stack": {"ambient": {"n": 1.0}, "explicit": layers, "substrate": medium(indices[-1])},
+            }
+        )
+    )
     return path
 
 
 def ours(path, pol, *flags):
     """[R, T] x angle x wavelength."""
     command = [
-        BIN / "thinfilm", "spectrum", path, "--angles-deg", ",".join(map(str, ANGLES)),
-        "--wavelengths-nm", f"{WAVELENGTHS[0]}:{WAVELENGTHS[-1]}:{len(WAVELENGTHS)}", "--pol", pol, "--json", *flags,
+        BIN / "thinfilm",
+        "spectrum",
+        path,
+        "--angles-deg",
+        ",".join(map(str, ANGLES)),
+        "--wavelengths-nm",
+        f"{WAVELENGTHS[0]}:{WAVELENGTHS[-1]}:{len(WAVELENGTHS)}",
+        "--pol",
+        pol,
+        "--json",
+        *flags,
     ]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     spectrum = json.loads(done.stdout)
@@ -73,9 +86,7 @@ def test_agrees_with_tmm(tmp_path, seed, pol):
 @pytest.mark.parametrize("seed", range(12))
 def test_agrees_with_pymoosh(tmp_path, seed, pol):
     indices, thicknesses = stack(seed)
-    structure = PyMoosh.Structure(
-        [n**2 for n in indices], list(range(len(indices))), [0.0, *thicknesses, 0.0], verbose=False
-    )
+    structure = PyMoosh.Structure([n**2 for n in indices], list(range(len(indices))), [0.0, *thicknesses, 0.0], verbose=False)
 
     def theirs(angle, nm):
         _, _, reflected, transmitted = PyMoosh.coefficient_S(structure, nm, angle, "sp".index(pol))

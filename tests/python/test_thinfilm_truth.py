@@ -1,7 +1,6 @@
 """`thinfilm spectrum` against 40 digits and against very many waves: the same requests every time."""
 
 import pytest
-
 import thinfilm_truth as truth
 
 

@@ -70,7 +70,7 @@ def render(job):
         bpy.data.objects.remove(thing)
     given = np.load(job["scene"])
     scene = bpy.context.scene
-    add = lambda name, data: scene.collection.objects.link(bpy.data.objects.new(name, data)) or bpy.data.objects[name]  # noqa: E731
+    add = lambda name, data: scene.collection.objects.link(bpy.data.objects.new(name, data)) or bpy.data.objects[name]
     shape = mesh_of(given)
     shape.materials.append(used())
     add("shape", shape)

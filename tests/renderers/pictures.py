@@ -123,8 +123,9 @@ def by_radiance(folder):
     environment = os.environ | {"RAYPATH": f".:{home / 'lib'}", "PATH": f"{home / 'bin'}:{os.environ['PATH']}"}
     (folder / "sky.cal").write_text(SKY)
     (folder / "scene.rad").write_text(RADIANCE)
-    tool = lambda name, *args: subprocess.run(  # noqa: E731
-        [home / "bin" / name, *map(str, args)], cwd=folder, env=environment, capture_output=True, check=True).stdout
+    tool = lambda name, *args: (
+        subprocess.run([home / "bin" / name, *map(str, args)], cwd=folder, env=environment, capture_output=True, check=True).stdout
+    )
     (folder / "scene.oct").write_bytes(tool("oconv", "scene.rad"))
     degrees = 2 * np.degrees(np.arctan(0.185))
     view = ["-vp", 0, -6, 1.5, "-vd", 0, 6, -1.5, "-vu", 0, 0, 1, "-vh", degrees, "-vv", degrees, "-x", SIZE, "-y", SIZE]

@@ -10,7 +10,7 @@ AREA_RADIANCE = 9.0
 
 def sky(d):
     """Radiance from directions [..., 3]: a soft gradient and two lamps."""
-    lamp = lambda at, sharp: np.exp(sharp * (d @ (np.array(at) / np.linalg.norm(at)) - 1))  # noqa: E731
+    lamp = lambda at, sharp: np.exp(sharp * (d @ (np.array(at) / np.linalg.norm(at)) - 1))
     return 0.35 + 0.25 * d[..., 2] + 5 * lamp((-1, -1, 1), 30.0) + 2 * lamp((1.5, -0.5, 0.6), 60.0)
 
 

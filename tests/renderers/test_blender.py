@@ -17,7 +17,7 @@ import scenes_for_both
 from built import ROOT, run
 
 sys.path.insert(0, str(ROOT / "tools" / "compare"))
-import colour  # noqa: E402
+import colour
 
 FOLDER = pathlib.Path(__file__).parent
 BLENDERS = dict(entry.split("=", 1) for entry in os.environ["NACRE_BLENDERS"].split(","))
@@ -73,7 +73,7 @@ def plugin(exported):
     def of(recipe, shape, light, **controls):
         key = json.dumps([recipe, shape, light, controls])
         if key not in made:
-            rgb = lambda value: {"type": "rgb", "value": value} if isinstance(value, list) else value  # noqa: E731
+            rgb = lambda value: {"type": "rgb", "value": value} if isinstance(value, list) else value
             parameters = {name: rgb(value) for name, value in controls.items()}
             bsdf = mi.load_dict({"type": "pearl", "filename": str(exported(recipe)[0]), **parameters})
             made[key] = np.array(mi.render(mi.load_dict(scenes_for_both.for_mitsuba(shape, light, bsdf, SIZE, 2 * SAMPLES)), seed=3))

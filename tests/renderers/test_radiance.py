@@ -64,10 +64,10 @@ def test_rtrace_sees_a_white_surrounding_as_the_table_does_to_a_hundredth(export
     (folder / "scene.rad").write_text(
         "void glow white\n0\n0\n4 1 1 1 0\n\nwhite source surrounding\n0\n0\n4 0 0 1 360\n\n"
         "void BSDF pearl\n6 0 pearl.xml 0 1 0 .\n0\n0\n\n"
-        "pearl polygon sheet\n0\n0\n12 -1 -1 0  1 -1 0  1 1 0  -1 1 0\n")
+        "pearl polygon sheet\n0\n0\n12 -1 -1 0  1 -1 0  1 1 0  -1 1 0\n"
+    )
     (folder / "scene.oct").write_bytes(radiance(folder, "oconv", "scene.rad"))
-    rays = "".join(
-        f"{-np.sin(t):.9f} 0 {np.cos(t):.9f} {np.sin(t):.9f} 0 {-np.cos(t):.9f}\n" * RAYS for t in np.radians(THETA_DEG))
+    rays = "".join(f"{-np.sin(t):.9f} 0 {np.cos(t):.9f} {np.sin(t):.9f} 0 {-np.cos(t):.9f}\n" * RAYS for t in np.radians(THETA_DEG))
     found = radiance(folder, "rtrace", "-h", "-ab", 0, "-ss", PATHS, "-st", 0, "-lw", 1e-7, "-u+", "scene.oct", input=rays.encode())
     found = np.array(found.split(), float).reshape(len(THETA_DEG), RAYS, -1)[:, :, :3]
     error = found.std(axis=1) / np.sqrt(RAYS)

@@ -14,7 +14,7 @@ from built import ROOT, run
 
 sys.path.insert(0, str(ROOT / "tools" / "compare"))
 
-import browser as chromium  # noqa: E402
+import browser as chromium
 
 mi = pytest.importorskip("mitsuba")
 mi.set_variant("llvm_ad_rgb")
@@ -29,7 +29,10 @@ LAMPS = [((-1.0, -1.0, 1.0), 30.0, 5.0), ((1.5, -0.5, 0.6), 60.0, 2.0)]
 LOOKS = {"recipe": {}, "painted": {"depth": 0.7, "brightness": 0.6, "coherence": 0.9, "body_rgb": [0.95, 0.6, 0.2]}}
 #: Recipe, and how it is baked.
 TABLES = {"paper": [], "akoya": [], "golden": ["--azimuth", "space", "--incident-deg", "0:90:6"]}
-PAGE = """<!doctype html><link rel="icon" href="data:," /><script type="importmap">{"imports": {"three": "/three/build/three.module.js", "three/addons/": "/three/examples/jsm/"}}</script>"""
+PAGE = """<!doctype html><link rel="icon" href="data:," />
+<script type="importmap">
+  {"imports": {"three": "/three/build/three.module.js", "three/addons/": "/three/examples/jsm/"}}
+</script>"""
 SCENE = """
 async ([light, look, size, samples, sky]) => {
   const THREE = await import("three"), { pearlMaterial } = await import("/pearl.js");
@@ -50,7 +53,8 @@ async ([light, look, size, samples, sky]) => {
   } else if (light === "area") {
     const lamp = new THREE.RectAreaLight(0xffffff, 9, 1.6, Math.hypot(1.1, 1.1)), a = Math.SQRT1_2;
     lamp.position.set(-1.8, -2.45, 2.75);
-    lamp.quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(new THREE.Vector3(1, 0, 0), new THREE.Vector3(0, a, a), new THREE.Vector3(0, -a, a)));
+    const axes = [new THREE.Vector3(1, 0, 0), new THREE.Vector3(0, a, a), new THREE.Vector3(0, -a, a)];
+    lamp.quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(...axes));
     scene.add(lamp);
   } else if (light === "ambient") {
     scene.add(new THREE.AmbientLight(0xffffff, Math.PI));
@@ -192,7 +196,7 @@ class Truth:
         """Under light from everywhere: of the plugin's own samples and of the lamps' all that any could have found, by the balance
         heuristic; and how far two halves of them are apart."""
         random, pixels = np.random.default_rng(3), len(self.points)
-        spread = lambda step: (np.arange(count) * step + random.random((pixels, 1))) % 1  # noqa: E731
+        spread = lambda step: (np.arange(count) * step + random.random((pixels, 1))) % 1
         u, v, w = (spread(step) for step in (0.8191725133961645, 0.6710436067037893, 0.5497004779019703))
         context, many = mi.BSDFContext(), self.interaction(count)
         sample, _ = self.bsdf.sample(context, many, mi.Float(u.ravel()), mi.Point2f(np.stack([v.ravel(), w.ravel()])))
@@ -228,7 +232,7 @@ def test_three_shows_what_the_plugin_does_to_half_a_per_cent(exported, look):
     name, table, page = exported
     seen, points, normals, views = hits(page)
     truth = Truth(table, LOOKS[look], points, normals, views)
-    white = lambda d: np.ones(d.shape[:-1])  # noqa: E731
+    white = lambda d: np.ones(d.shape[:-1])
     expected = {"point": (truth.point(), 0.0), "area": (truth.area(), 0.0),
                 "environment": truth.around(sky, LAMPS), "ambient": truth.around(white)}  # fmt: skip
     for light, (values, noise) in expected.items():

@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from typing import Any
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
@@ -50,9 +51,8 @@ def line(scene, ways, figure, value, limit, kept, **more):
 
 def against(key, way, image, reference, limits):
     """Lines of one picture against that of the plugin."""
-    import numpy as np
-
     import colour
+    import numpy as np
 
     lit = reference.sum(axis=1) > 0
     rmse = float(np.sqrt(((image - reference)[lit] ** 2).mean()) / reference[lit].mean())
@@ -77,7 +77,7 @@ def patches(expected_hits, tiles):
     """
     import numpy as np
 
-    spread = lambda v: sum(((v >> bit) & 1) << (2 * bit) for bit in range(10))  # noqa: E731
+    spread = lambda v: sum(((v >> bit) & 1) << (2 * bit) for bit in range(10))
     y, x = np.divmod(np.arange(tiles * tiles), tiles)
     patch = np.zeros(tiles * tiles, int)
     number, hits = 0, 0.0
@@ -108,7 +108,7 @@ def noise(key, walked, plugin, size, weight):
 
     # Which tiles are merged must not depend on the draws of the walk but through its one mean weight.
     patch = patches(tiles(reference.mean(axis=1)) / weight, size // 8)
-    merged = lambda values: np.bincount(patch, tiles(values))  # noqa: E731
+    merged = lambda values: np.bincount(patch, tiles(values))
 
     # Channels of one path are one draw: only their mean is tested, with the variance of that mean.
     gap = merged(image.mean(axis=1) - reference.mean(axis=1))
@@ -126,10 +126,9 @@ def noise(key, walked, plugin, size, weight):
 
 
 def compare(options, tools):
-    import numpy as np
-
     import converged
     import mitsuba as mi
+    import numpy as np
     import scenes
     import ways
 
@@ -147,7 +146,8 @@ def compare(options, tools):
 
             wavelengths = BANDS if "spectral" in variant else None
             asked = [key for key in "abcde" if key in options.ways]
-            made, refusals = {}, {}
+            made: dict[str, Any] = {}
+            refusals = {}
             for key in dict.fromkeys(["b", *asked]):
                 if key == "c" and wavelengths:
                     refusals[key] = "the walk knows one wavelength: compared in rgb"
@@ -210,9 +210,7 @@ def compare(options, tools):
 
 
 def arguments():
-    parser = argparse.ArgumentParser(
-        prog="compare", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(prog="compare", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=pathlib.Path, required=True, metavar="DIR", help="folder for the page")
     parser.add_argument("--quick", action="store_true", help="small pictures: under three minutes")
     parser.add_argument("--ways", default="abcd", metavar="LETTERS", help="which ways, of abcde [abcd]; b is always there")

@@ -91,9 +91,9 @@ class Browser:
         return self.visit(file.as_uri() + hash, script, **context)
 
     def visit(self, url, script="", offline=True, **context):
-        context = self.chromium.new_context(offline=offline, **context)
-        context.add_init_script(PACK + script)
-        page = context.new_page()
+        opened = self.chromium.new_context(offline=offline, **context)
+        opened.add_init_script(PACK + script)
+        page = opened.new_page()
         page.set_default_timeout(300_000)
         page.messages = []
         page.on("console", lambda message: page.messages.append(f"{message.type}: {message.text}"))

@@ -23,11 +23,11 @@ def delta_e(rgb_a, rgb_b):
     dh = (h2 - h1 + 180) % 360 - 180
     dh = np.where(c1 * c2 == 0, 0, dh)
     dl, dc, dhue = l2 - l1, c2 - c1, 2 * np.sqrt(c1 * c2) * np.sin(np.radians(dh / 2))
-    l, c = 0.5 * (l1 + l2), 0.5 * (c1 + c2)
+    lightness, c = 0.5 * (l1 + l2), 0.5 * (c1 + c2)
     h = np.where(c1 * c2 == 0, h1 + h2, (h1 + dh / 2) % 360)
-    cos = lambda degrees: np.cos(np.radians(degrees))  # noqa: E731
+    cos = lambda degrees: np.cos(np.radians(degrees))
     t = 1 - 0.17 * cos(h - 30) + 0.24 * cos(2 * h) + 0.32 * cos(3 * h + 6) - 0.2 * cos(4 * h - 63)
-    sl = 1 + 0.015 * (l - 50) ** 2 / np.sqrt(20 + (l - 50) ** 2)
+    sl = 1 + 0.015 * (lightness - 50) ** 2 / np.sqrt(20 + (lightness - 50) ** 2)
     sc, sh = 1 + 0.045 * c, 1 + 0.015 * c * t
     turn = -2 * np.sqrt(c**7 / (c**7 + 25.0**7)) * np.sin(np.radians(60 * np.exp(-(((h - 275) / 25) ** 2))))
     return np.sqrt((dl / sl) ** 2 + (dc / sc) ** 2 + (dhue / sh) ** 2 + turn * (dc / sc) * (dhue / sh))

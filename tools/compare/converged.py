@@ -2,9 +2,8 @@
 
 import pathlib
 
-import numpy as np
-
 import browser
+import numpy as np
 import scenes
 import ways
 

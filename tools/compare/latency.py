@@ -20,8 +20,8 @@ import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-import browser as chromium  # noqa: E402
-from tables import Bad, Tools  # noqa: E402
+import browser as chromium
+from tables import Bad, Tools
 
 SCHEMA = "pearl-latency/1"
 #: Waits for the frame of the present state, and says when it was changed and how long the frame took from there.
@@ -107,9 +107,7 @@ def measured(options):
 
 
 def arguments():
-    parser = argparse.ArgumentParser(
-        prog="latency", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(prog="latency", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recipe", nargs="?", default="paper", metavar="RECIPE", help="what the studio opens with [paper]")
     parser.add_argument("-n", "--times", type=int, default=10, help="how often each is done [10]")
     parser.add_argument("--width", type=int, default=1440, help="of the window, pixels [1440]")

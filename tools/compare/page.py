@@ -43,8 +43,10 @@ def write(path, report, pictures, size):
     """Writes the page, whole or not at all."""
     out = io.StringIO()
     out.write(f"<!doctype html><meta charset=utf-8><title>Ways to a pearl</title><style>{STYLE}</style>")
-    out.write("<h1>Ways to a pearl</h1><p>Differences are drawn as grey ± 5 % of the mean. (d) answers for some of "
-              "the samples of each pixel: shown is its difference to (b) on these, on top of (b).</p>")
+    out.write(
+        "<h1>Ways to a pearl</h1><p>Differences are drawn as grey ± 5 % of the mean. (d) answers for some of "
+        "the samples of each pixel: shown is its difference to (b) on these, on top of (b).</p>"
+    )
     for key, shown in pictures.items():
         out.write(f"<h2>{html.escape(key)}</h2>")
         reference = shown.get("b")

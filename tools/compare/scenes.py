@@ -50,7 +50,7 @@ _POINT, _POINT_INTENSITY = np.array([-2.0, -4.0, 3.0]), 45.0
 
 def environment(d):
     """Radiance of the sky in a direction: a soft gradient and two lamps, smooth enough for every way to resolve."""
-    lamp = lambda at, sharp: dr.exp(sharp * (dr.dot(d, dr.normalize(mi.Vector3f(*at))) - 1))  # noqa: E731
+    lamp = lambda at, sharp: dr.exp(sharp * (dr.dot(d, dr.normalize(mi.Vector3f(*at))) - 1))
     sky = 0.35 + 0.25 * d.z
     return mi.Color3f(sky + 5 * lamp((-1, -1, 1), 30.0) + 2 * lamp((1.5, -0.5, 0.6), 60.0))
 

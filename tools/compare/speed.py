@@ -95,9 +95,7 @@ def show(line):
 
 
 def arguments():
-    parser = argparse.ArgumentParser(
-        prog="speed", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(prog="speed", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--table", type=pathlib.Path, help="a table, instead of a fresh bake")
     parser.add_argument("--size", type=int, default=256, help="pixels a side [256]")
     parser.add_argument("--spp", type=int, default=64, help="samples a pixel [64]")

@@ -7,7 +7,6 @@ import subprocess
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-
 import scenes
 import walk
 
@@ -132,7 +131,7 @@ class Walk:
             raise Refused("a walk has no density, and no direction hits a point light by chance")
         # Only where the camera sees something.
         index = dr.compress(samples.valid)
-        pick = lambda value: dr.gather(type(value), value, index)  # noqa: E731
+        pick = lambda value: dr.gather(type(value), value, index)
         wi = pick(samples.wi)
         rng = scenes.generators(dr.width(index), seed)
         wo, weight = walk.sample(self.stack, wi, rng, self.body)

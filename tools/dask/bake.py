@@ -24,8 +24,9 @@ import sys
 import time
 
 import dask
-import nacre
 from dask.distributed import Client, LocalCluster, as_completed
+
+import nacre
 
 
 class Refused(Exception):

@@ -5,13 +5,13 @@ persistent lanes, each of which walks its share of the paths one after the other
 Facet normals stay unnormalised, so an event is one square root and one division; reflection and refraction are selects;
 a facet that faces away is an event without effect.
 """
-import math
 
-from peer import Result, arguments, cpu_seconds, report
+import math
 
 import drjit as dr
 import numpy as np
-from drjit.llvm import Bool, Float, Int, PCG32, UInt, UInt64
+from drjit.llvm import PCG32, Bool, Float, Int, UInt, UInt64
+from peer import Result, arguments, cpu_seconds, report
 
 
 def launch(o, paths, seed):

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """The walk as one numba function, scalar f64: the loop that one writes down first, compiled."""
+
 import math
 
 import numba
 import numpy as np
 from numba import njit, prange
-
 from peer import Result, arguments, cpu_seconds, report
 
 

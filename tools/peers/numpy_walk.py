@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """The walk as array operations of NumPy, f64: all rays move on by one event at a time; those that end are replaced."""
+
 import math
 
 import numpy as np
-
 from peer import Result, arguments, cpu_seconds, report
 
 
@@ -49,7 +49,7 @@ def walk(o):
         x[fresh], y[fresh], z[fresh], medium[fresh], step[fresh] = math.sin(theta), 0, math.cos(theta), 0, 1
         if fresh.size < ended.size:
             keep = np.ones(x.size, bool)
-            keep[ended[fresh.size:]] = False
+            keep[ended[fresh.size :]] = False
             x, y, z, medium, step = x[keep], y[keep], z[keep], medium[keep], step[keep]
     return bins, crossings
 

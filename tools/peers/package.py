@@ -24,8 +24,9 @@ import time
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
     os.environ[variable] = "1"
 
-import nacre
-import numpy as np
+import numpy as np  # noqa: E402
+
+import nacre  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 RATE = ROOT / "target/release/examples/many_rate"
@@ -45,7 +46,12 @@ class Tmm:
 
     def spectrum(self, n, d, nm, degrees):
         stacks = range(len(d))
-        return np.array([[[[self.solve(pol, n[k], [np.inf, *d[k], np.inf], angle, w)["R"] for w in nm] for angle in np.radians(degrees)] for k in stacks] for pol in "sp"])
+        return np.array(
+            [
+                [[[self.solve(pol, n[k], [np.inf, *d[k], np.inf], angle, w)["R"] for w in nm] for angle in np.radians(degrees)] for k in stacks]
+                for pol in "sp"
+            ]
+        )
 
 
 class PyMoosh:
@@ -104,7 +110,7 @@ def seconds(work, rounds=ROUNDS):
 def calls(work, least=0.2):
     """Seconds of one of many calls."""
     count = 1
-    while (taken := seconds(lambda: [work() for _ in range(count)], 1)[0]) < least / ROUNDS:
+    while seconds(lambda: [work() for _ in range(count)], 1)[0] < least / ROUNDS:
         count *= 2
     return seconds(lambda: [work() for _ in range(count)])[0] / count
 
@@ -118,7 +124,9 @@ def films(peers):
     pearl = (np.array([[1, *[1.53, 1.43] * 250, 1.53]]), np.array([[450.0, 25.0] * 250]), np.linspace(380, 780, 81), np.arange(90.0))
     batch = (
         np.column_stack([np.ones(1000), random.uniform(1.3, 2.4, (1000, 20)), np.full(1000, 1.5)]),
-        random.uniform(20, 400, (1000, 20)), np.linspace(400, 700, 201), np.array([0.0]),
+        random.uniform(20, 400, (1000, 20)),
+        np.linspace(400, 700, 201),
+        np.array([0.0]),
     )
     agree = True
     print_row("", "pearl, s", "ratio", "batch, s", "ratio", "off ours by")
@@ -148,7 +156,9 @@ def small(peers):
     for stacks, layers, waves, angles in [(1, 2, 1, 1), (1, 2, 10, 1), (1, 10, 100, 1), (1, 2, 1, 90), (10, 4, 10, 3), (1, 500, 1, 1)]:
         case = (
             np.tile([1.0, *([1.5, 1.7] * layers)[:layers], 1.5], (stacks, 1)),
-            np.full((stacks, layers), 120.0), np.linspace(400, 700, waves), np.linspace(0, 80, angles),
+            np.full((stacks, layers), 120.0),
+            np.linspace(400, 700, waves),
+            np.linspace(0, 80, angles),
         )
         times = [calls(lambda: ours(*case)), *(calls(lambda peer=peer: peer.spectrum(*case)) for peer in peers.values())]
         print_row(f"{stacks} × {layers} × {waves} × {angles}", *(f"{1e6 * taken:.1f}" for taken in times))

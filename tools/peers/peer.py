@@ -1,4 +1,5 @@
 """What the peers share: their options, and the line of JSON that they print."""
+
 import argparse
 import json
 import math
@@ -37,8 +38,18 @@ def report(result):
     angles = [i - 89.5 for i in range(180)]
     mean = sum(a * n for a, n in zip(angles, result.bins)) / count
     sd = math.sqrt(sum((a - mean) ** 2 * n for a, n in zip(angles, result.bins)) / count)
-    print(json.dumps({
-        "impl": result.name, "paths": result.options.paths, "crossings": result.crossings, "cpu_s": result.cpu,
-        "threads": result.options.threads, "albedo": count / result.options.paths, "mean_theta": mean, "sd_theta": sd,
-        "ns_per_crossing_cpu": result.cpu / result.crossings * 1e9,
-    }))
+    print(
+        json.dumps(
+            {
+                "impl": result.name,
+                "paths": result.options.paths,
+                "crossings": result.crossings,
+                "cpu_s": result.cpu,
+                "threads": result.options.threads,
+                "albedo": count / result.options.paths,
+                "mean_theta": mean,
+                "sd_theta": sd,
+                "ns_per_crossing_cpu": result.cpu / result.crossings * 1e9,
+            }
+        )
+    )

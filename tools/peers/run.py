@@ -10,6 +10,7 @@ rounds is printed, so that a busy machine disturbs all alike. An `--extra` comma
 (`--paths --theta --dim --threads`) and must print the same JSON. Exit code 3 if an albedo is off by more than five
 standard errors of the difference.
 """
+
 import argparse
 import json
 import math

@@ -10,6 +10,7 @@ second for 500 layers, one thread, and whether all give the same R.
 Peers whose packages are missing are left out, and the table says which package that is. `--document` replaces the table between the marks
 `<!-- bench -->` and `<!-- /bench -->` of a page. Exit code 3 if a peer's R is off by more than 1e-8.
 """
+
 import argparse
 import json
 import os
@@ -22,7 +23,7 @@ import time
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
-import numpy as np
+import numpy as np  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 RATE = ROOT / "target/release/examples/dense_rate"
@@ -57,9 +58,7 @@ def tmm():
 def pymoosh():
     import PyMoosh
 
-    structure = PyMoosh.Structure(
-        [1.0, 1.53**2, 1.43**2, 1.53**2], [0] + [1, 2] * 250 + [3], [0.0, *D, 0.0], verbose=False
-    )
+    structure = PyMoosh.Structure([1.0, 1.53**2, 1.43**2, 1.53**2], [0] + [1, 2] * 250 + [3], [0.0, *D, 0.0], verbose=False)
     one = lambda pol, nm, theta: PyMoosh.coefficient_S(structure, nm, theta, "sp".index(pol))[2]
     waves = [(pol, nm, theta) for pol in "sp" for nm in NM[::20] for theta in THETA[::15]]
     return one, rate(lambda: [one(*wave) for wave in waves], 500 * len(waves))
@@ -116,9 +115,7 @@ def fastest(reports):
     """One report, with the fastest rounds of all."""
     best = dict(reports[0])
     best["ensemble_seconds"] = min(report["ensemble_seconds"] for report in reports)
-    best["rates"] = {
-        name: {"best": max(report["rates"][name]["best"] for report in reports)} for name in best["rates"]
-    }
+    best["rates"] = {name: {"best": max(report["rates"][name]["best"] for report in reports)} for name in best["rates"]}
     return best
 
 
@@ -151,7 +148,8 @@ def main():
     lines += [f"| {name} | {number(a)} | {number(b)} | {note} |" for name, a, b, note in rows]
     lines += [
         "",
-        f"Fastest of {TURNS} times 15 rounds, one thread and two in turn (peers: of 3), {processor()}, {os.cpu_count()} processors. The ensemble of 64 irregular stacks"
+        f"Fastest of {TURNS} times 15 rounds, one thread and two in turn (peers: of 3), {processor()}, {os.cpu_count()} processors."
+        " The ensemble of 64 irregular stacks"
         f" (90 angles, 801 wavelengths, s and p, 500 layers) took {both['ensemble_seconds']:.1f} s on two threads,"
         f" {alone['ensemble_seconds']:.1f} s on one.",
     ]

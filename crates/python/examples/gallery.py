@@ -224,7 +224,7 @@ def strand(studio):
     parts, at = {}, curve[0]
     for point in curve:
         if np.hypot(*(point - at)) >= 2 * radius:
-            parts[f"pearl{len(parts)}"] = ball(looks[random.integers(len(looks))], *point, radius * random.uniform(0.985, 1.0))
+            parts[f"pearl{len(parts)}"] = ball(looks[random.integers(len(looks))], point[0], point[1], radius * random.uniform(0.985, 1.0))
             at = point
     parts |= {"floor": sweep(matte(0.2, 0.185, 0.175))} | lights()
     studio.save("strand", studio.render(parts, [0, -14, 7.0], [0, -0.7, 0.1], 34, focus=14.0), 1.15)

@@ -14,7 +14,7 @@ def studio(width=512):
     azimuth = u / width * 2 * np.pi - np.pi
 
     def window(at, height, wide, tall, soft=0.06):
-        edge = lambda x, half: 1 / (1 + np.exp((np.abs(x) - half) / soft))  # noqa: E731
+        edge = lambda x, half: 1 / (1 + np.exp((np.abs(x) - half) / soft))
         around = np.angle(np.exp(1j * (azimuth - at)))
         return edge(around, wide) * edge(elevation - height, tall)
 

@@ -56,6 +56,7 @@ fn test() -> Result<()> {
         checks()?;
         environment.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })?;
+    python::lints(&python)?;
     step("release build", cargo(&EVERYTHING))?;
     // Neither keeps two cores busy by itself. What the one says comes after what the other says.
     let said = root().join("target/python-tests.txt");
@@ -124,8 +125,9 @@ fn long() -> Result<()> {
 }
 
 fn python_checks(folder: &str) -> Result<()> {
-    step("release build", cargo(&EVERYTHING))?;
     let python = python::environment()?;
+    python::lints(&python)?;
+    step("release build", cargo(&EVERYTHING))?;
     python::package(&python)?;
     step("python", pytest(&python, folder))
 }

@@ -82,7 +82,21 @@ fn listed(requirements: &Path) -> Result<String> {
     Ok(all)
 }
 
-/// Checks the package `nacre`, builds its wheel from what is compiled already, and installs it.
+/// Format and lints of all Python in the checkout; types of the package `nacre`; that the names exist which tests, tools and
+/// examples take of each other.
+pub(crate) fn lints(python: &Path) -> Result<()> {
+    let module = |arguments: &[&str], folder: &str| {
+        let mut command = Command::new(python);
+        command.arg("-m").args(arguments).current_dir(root().join(folder));
+        command
+    };
+    step("python format", module(&["ruff", "format", "--check", "."], "."))?;
+    step("python lints", module(&["ruff", "check", "."], "."))?;
+    step("python types", module(&["mypy", "nacre"], "crates/python"))?;
+    step("python names", module(&["mypy"], "."))
+}
+
+/// Builds the wheel of the package `nacre` from what is compiled already, and installs it.
 pub(crate) fn package(python: &Path) -> Result<()> {
     let (folder, wheels) = (root().join("crates/python"), root().join("target/wheels"));
     let module = |arguments: &[&str]| {
@@ -90,8 +104,6 @@ pub(crate) fn package(python: &Path) -> Result<()> {
         command.arg("-m").args(arguments).current_dir(&folder);
         command
     };
-    step("python lints", module(&["ruff", "check", "."]))?;
-    step("python types", module(&["mypy", "nacre"]))?;
     // Of other versions, which pip would choose from.
     if wheels.exists() {
         std::fs::remove_dir_all(&wheels)?;

@@ -217,7 +217,7 @@ def _pearl(base):
 
         def _values(self):
             """Depth, brightness, coherence and tint as plain numbers."""
-            plain = lambda name: np.ravel(np.array(dr.detach(getattr(self, name)))).tolist()  # noqa: E731
+            plain = lambda name: np.ravel(np.array(dr.detach(getattr(self, name)))).tolist()
             controls = []
             for name in ("depth", "brightness", "coherence"):
                 values = plain(name)
@@ -334,7 +334,7 @@ def _pearl(base):
 
         def _enabled(self, ctx):
             """Which of the components are asked for, at this BSDF and by the context."""
-            wanted = lambda k: ctx.is_enabled(mi.BSDFFlags(int(self.m_components[k]) & 0x1FF), k)  # noqa: E731
+            wanted = lambda k: ctx.is_enabled(mi.BSDFFlags(int(self.m_components[k]) & 0x1FF), k)
             return [show and wanted(k) for k, show in enumerate(self.shown)]
 
         def _eval_pdf(self, ctx, si, wo, active, want_value=True):
@@ -411,9 +411,7 @@ def _pearl(base):
             """The direction at θo and at azimuth φ from the mirror direction of wi."""
             along, across = polar.azimuth
             sin_phi, cos_phi = dr.sincos(phi)
-            return self.types.Vector3f(
-                sin * (-cos_phi * along - sin_phi * across), sin * (-cos_phi * across + sin_phi * along), cos
-            )
+            return self.types.Vector3f(sin * (-cos_phi * along - sin_phi * across), sin * (-cos_phi * across + sin_phi * along), cos)
 
         def _cosine_hemisphere(self, sample):
             sin_phi, cos_phi = dr.sincos(2.0 * _PI * sample.y)
@@ -467,11 +465,11 @@ def _pearl(base):
             arrays = self.table.arrays
             if wavelengths is None:
                 # The shares of sRGB's channels may be negative; light may not.
-                share = lambda k, channel: float(arrays["rgb_weights"][k][channel])  # noqa: E731
+                share = lambda k, channel: float(arrays["rgb_weights"][k][channel])
                 least = 0.0
             else:
                 hat = hats(arrays["wavelength_nm"])
-                share = lambda k, channel: hat[k](wavelengths[channel])  # noqa: E731
+                share = lambda k, channel: hat[k](wavelengths[channel])
                 least = -dr.inf
 
             def channel(c):

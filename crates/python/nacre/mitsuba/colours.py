@@ -52,22 +52,20 @@ class Palette:
         stored = "spectral" if kind == "bands" else "rgb"
         # Everything is linear in the channels.
         mixed = (lambda rows: np.tensordot([LUMINANCE], rows, 1)) if kind == "mono" else (lambda rows: rows)
-        channels = lambda name: mixed(table.arrays[f"{name}_{stored}"])  # noqa: E731
-        of_band = lambda name: mixed(table.arrays[f"{name}_{stored}"][0])  # noqa: E731
+        channels = lambda name: mixed(table.arrays[f"{name}_{stored}"])
+        of_band = lambda name: mixed(table.arrays[f"{name}_{stored}"][0])
         # Interior, single, rehit; the arrays have the single reflection last.
         order = [0, 2, 1]
         plain, modulated = table.arrays["albedo_plain"][0][order], np.moveaxis(of_band("albedo")[:, order], 1, 0)
         weights = channels("reflectance")
-        return cls(
-            weights, of_band("modulation"), channels("emission"), plain, modulated, table.arrays["mean_weight"], table.reciprocal
-        )
+        return cls(weights, of_band("modulation"), channels("emission"), plain, modulated, table.arrays["mean_weight"], table.reciprocal)
 
     @classmethod
     def scaled(cls, table, kind):
         """The channels of `rgb` or `mono` at every scale of the thicknesses, those of the first scale first."""
         own = cls.of(table, kind)
         mix = np.array([LUMINANCE]) if kind == "mono" else np.eye(3)
-        flat = lambda rows: np.einsum("kc,scn->skn", mix, rows).reshape(-1, curves.NODES)  # noqa: E731
+        flat = lambda rows: np.einsum("kc,scn->skn", mix, rows).reshape(-1, curves.NODES)
         modulation, rest = (flat(table.arrays[f"{name}_rgb_scaled"][:, 0]) for name in ("modulation", "rest"))
         emission, weights = flat(table.arrays["emission_rgb_scaled"]), np.tile(own.tint_weights, (len(table.scales), 1))
         return replace(own, tint_weights=weights, modulation=modulation, emission=emission, modulated=1.0 - rest[None])
@@ -120,7 +118,7 @@ class Deriver:
 
     def __init__(self, palette, ops):
         self.ops, self.channels, self.one_limit = ops, palette.channels, palette.one_limit
-        flat = lambda rows: ops.array(np.broadcast_to(rows, (palette.channels, curves.NODES)).ravel())  # noqa: E731
+        flat = lambda rows: ops.array(np.broadcast_to(rows, (palette.channels, curves.NODES)).ravel())
         self.set_tint_weights(palette.tint_weights)
         self.modulation, self.emission = flat(palette.modulation), flat(palette.emission)
         self.plain, self.modulated = flat(palette.plain.sum(axis=0)), flat(palette.modulated.sum(axis=0))
@@ -156,7 +154,7 @@ def chances(palette, controls, body, shown):
     depth, brightness, coherence, tint = controls
     deriver = Deriver(palette, NumPy)
     derived = deriver(depth, brightness, coherence, tint)
-    by_channel = lambda flat: flat.reshape(palette.channels, curves.NODES)  # noqa: E731
+    by_channel = lambda flat: flat.reshape(palette.channels, curves.NODES)
     coloured = deriver.tint_of(tint)[:, None] * palette.modulated
     lobes = brightness * ((1.0 - coherence) * palette.plain[:, None] + coherence * coloured)
     interior, surface, rehit = (np.maximum(lobes, 0.0) * by_channel(derived.limit)).mean(axis=1)

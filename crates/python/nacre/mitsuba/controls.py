@@ -37,9 +37,7 @@ def check_names(props):
             near = "".join(f" (did you mean {near!r}?)" for near in get_close_matches(name, PARAMETERS, 1, 0.8))
             raise PearlError(f"pearl: {name}: no such parameter{near}; expected one of {', '.join(PARAMETERS)}")
     if "filename" in props and "recipe" in props:
-        raise PearlError(
-            f"pearl: filename, recipe: both are given; expected a table, which `{BAKE}` bakes, or a recipe, which is baked now"
-        )
+        raise PearlError(f"pearl: filename, recipe: both are given; expected a table, which `{BAKE}` bakes, or a recipe, which is baked now")
 
 
 def recipe(source):
@@ -137,7 +135,7 @@ def look(table):
     """The recipe's look, for what is not given: numbers only, as the tool `pearl` reads it."""
     recipe = table.meta.get("recipe")
     found = recipe.get("look") if isinstance(recipe, dict) else None
-    is_number = lambda value: isinstance(value, Real) and not isinstance(value, bool)  # noqa: E731
+    is_number = lambda value: isinstance(value, Real) and not isinstance(value, bool)
     return {name: value for name, value in found.items() if is_number(value)} if isinstance(found, dict) else {}
 
 

@@ -286,7 +286,7 @@ class Tabulated:
         if not self.sampled:
             return
         self.total = types.store(total, 2)
-        scale = lambda sums: np.divide(1.0, sums, out=np.zeros_like(sums), where=sums > 0.0)  # noqa: E731
+        scale = lambda sums: np.divide(1.0, sums, out=np.zeros_like(sums), where=sums > 0.0)
         # Distribution functions of each row, and of the φ rows of an incidence, normalised; lobe-major.
         # By incidence, as `along`: shares in the cap around the normal, and sums of the densities.
         steps = np.arange(self.span_steps + 1)[:, None] / self.span_steps
@@ -332,7 +332,7 @@ class Tabulated:
 
     def _distribution(self, density, axis):
         middle = density.cumsum(axis=axis) - 0.5 * density
-        flat = lambda values: self.types.store(np.moveaxis(values, -1, 0), 1)  # noqa: E731
+        flat = lambda values: self.types.store(np.moveaxis(values, -1, 0), 1)
         return flat(density), flat(middle)
 
     def incidence(self, polar, active):
@@ -344,9 +344,7 @@ class Tabulated:
             fraction = dr.clip(x - types.Float(span), 0.0, 1.0)
             node, following = span, span + 1
         else:
-            found = dr.binary_search(
-                1, self.span_count, lambda k: self.span_ends.read(types.UInt32(k), active)[0] <= polar.theta
-            )
+            found = dr.binary_search(1, self.span_count, lambda k: self.span_ends.read(types.UInt32(k), active)[0] <= polar.theta)
             span = types.UInt32(found) - 1
             start, inverse, before, after = self.span_records.read(span, active)
             fraction = dr.clip((polar.theta - start) * inverse, 0.0, 1.0)
@@ -359,7 +357,7 @@ class Tabulated:
         cap, total = shares[:2], shares[2:]
 
         w2 = self.axis.width**2
-        withdrawal = lambda room: w2 / (dr.sqrt(dr.fma(room, room, w2)) + room)  # noqa: E731
+        withdrawal = lambda room: w2 / (dr.sqrt(dr.fma(room, room, w2)) + room)
         above_lo = polar.theta - self.axis.lo
         shift = withdrawal(above_lo) - withdrawal(polar.elevation)
         room = polar.elevation - shift
@@ -440,7 +438,7 @@ class Tabulated:
     def sample(self, rehit, at, select, u, v, active):
         """θo's sine and cosine, and φ, of the lobe interior or (mask) rehit."""
         types = self.types
-        pick = lambda record: dr.select(rehit, record[1], record[0])  # noqa: E731
+        pick = lambda record: dr.select(rehit, record[1], record[0])
         near = (1.0 - at.fraction) * pick(self.total.read(at.node, active))
         far = at.fraction * pick(self.total.read(at.following, active))
         second, select = _split(select, near / dr.maximum(near + far, _TINY))

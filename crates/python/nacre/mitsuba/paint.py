@@ -94,14 +94,14 @@ class Channels:
         # A fourth channel fills the record: it repeats the third.
         channel = np.minimum(np.arange(width), self.count - 1)
         places = channel * curves.NODES + _NODES[:, None]
-        store = lambda flat: types.rearranged(flat, places, width)  # noqa: E731
+        store = lambda flat: types.rearranged(flat, places, width)
         self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
         self.limit = store(derived.limit) if _limits(types, derived.limit) else None
         self.base = types.rearranged(_base(types, derived), channel[None], width)
 
     def shade(self, light, places, body, wavelengths, active, _thickness=None):
         """`Light.coloured` of all channels. places: of the viewer, of the light, and of θd."""
-        read = lambda store, place: store.between(*place, active)  # noqa: E731
+        read = lambda store, place: store.between(*place, active)
         return _shaded(self, read, self.base.read(self.types.UInt32(0), active), light, places, body, wavelengths)
 
 
@@ -114,7 +114,7 @@ class Scaled:
         width = 1 if self.count == 1 else 4
         channel = np.arange(scales)[:, None] * self.count + np.minimum(np.arange(width), self.count - 1)
         places = channel[:, None] * curves.NODES + _NODES[:, None]
-        store = lambda flat: types.rearranged(flat, places, width)  # noqa: E731
+        store = lambda flat: types.rearranged(flat, places, width)
         self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
         self.limit = store(derived.limit) if _limits(types, derived.limit) else None
         self.base = types.rearranged(_base(types, derived), channel, width)
@@ -142,7 +142,7 @@ class Bands:
         # Records of one place: a band at a node and at the next, then the band above.
         node = np.minimum(_NODES[:, None] + np.array([0, 1, 0, 1]), curves.STEPS)
         band = np.arange(self.last)[:, None, None] + np.array([0, 0, 1, 1])
-        store = lambda flat: types.rearranged(flat, band * curves.NODES + node, 4)  # noqa: E731
+        store = lambda flat: types.rearranged(flat, band * curves.NODES + node, 4)
         self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
         self.limit = store(derived.limit) if _limits(types, derived.limit) else None
         low = np.arange(self.last)[:, None]
@@ -174,8 +174,6 @@ class Bands:
         if mean is not None:
             emission = [band / mean for band in emission]
         records = read(self.rest, at_i), read(self.rest, at_o), limit, read(self.factor, at_d), emission
-        below, above = (
-            light.coloured(body, scale, *(record[k] for record in records)) for k, scale in enumerate(scales)
-        )
+        below, above = (light.coloured(body, scale, *(record[k] for record in records)) for k, scale in enumerate(scales))
         fraction = x - self.types.Float(band)
         return tuple(dr.fma(fraction, b - a, a) for a, b in zip(below, above))

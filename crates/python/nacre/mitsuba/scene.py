@@ -163,7 +163,7 @@ class _Scene:
         """Of every pearl that a shape shows: the shapes that hold it, and the first bump or normal map that it is seen through."""
         uses = {}
         root = self.nodes[0]
-        groups = lambda index: self.nodes[index].props.plugin_name() == "shapegroup"  # noqa: E731
+        groups = lambda index: self.nodes[index].props.plugin_name() == "shapegroup"
         # A group is shown by its instances only.
         waiting = [0] if root.type.name == "Shape" else [index for index in self.held(root, "Shape") if not groups(index)]
         seen = set(waiting)

@@ -39,7 +39,7 @@ class Doubles(dict):
     def of_band(self, band):
         """Those of one band alone."""
         own = slice(band, band + 1)
-        of = lambda name, array: array[own] if name in _BY_BAND else array[:, own] if name in _BY_SCALE_AND_BAND else array  # noqa: E731
+        of = lambda name, array: array[own] if name in _BY_BAND else array[:, own] if name in _BY_SCALE_AND_BAND else array
         return Doubles({name: of(name, array) for name, array in self.stored.items()})
 
 
