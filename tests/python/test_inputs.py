@@ -73,6 +73,13 @@ def test_latin_1_is_refused_with_its_line(tmp_path):
     one_line(run(tmp_path, "thinfilm", "colour", "text"), "text: line 2 is not encoded in UTF-8")
 
 
+def test_a_name_that_is_no_recipe_is_answered_with_those_there_are(tmp_path):
+    for args in (["bake-brdf", "akoja"], ["bake-brdf", "plan", "akoja"], ["thinfilm", "colour", "akoja"], ["pearl", "studio", "akoja"]):
+        done = run(tmp_path, *args)
+        assert done.returncode == 2
+        one_line(done, "akoja: there is no such file, and the built-in recipes are abalone, akoya,")
+
+
 def test_a_table_is_not_read_from_standard_input(tmp_path, table):
     for args in (["lut", "info", "-"], ["lut", "diff", table, "-"], ["pearl", "furnace", "-"]):
         done = run(tmp_path, *args, input=table.read_bytes())

@@ -1,6 +1,8 @@
 """The package `nacre`: against the tools, against packages that share no code with it, and in the hands of someone who makes mistakes."""
 
+import ast
 import gc
+import inspect
 import json
 import os
 import re
@@ -19,6 +21,7 @@ import tmm
 from built import BIN, ROOT, run
 
 import nacre
+from nacre import _nacre
 
 COARSE = {
     "paper": {"solver": "doubling", "accuracy": 5},
@@ -322,6 +325,16 @@ def test_waves_agree_with_pymoosh():
             _, _, r, t = PyMoosh.coefficient_S(theirs, 550.0, np.radians(40), number)
             assert getattr(spectrum.R, pol)[0, 0] == pytest.approx(r, abs=1e-11)
             assert getattr(spectrum.T, pol)[0, 0] == pytest.approx(t, abs=1e-11)
+
+
+def test_help_says_what_the_stubs_say():
+    stubs = ast.parse((ROOT / "crates" / "python" / "nacre" / "_nacre.pyi").read_text())
+    shown = [(_nacre, each) for each in stubs.body if isinstance(each, (ast.FunctionDef, ast.ClassDef))]
+    shown += [(getattr(_nacre, one.name), each) for _, one in shown for each in one.body if isinstance(each, ast.FunctionDef)]
+    documented = [(getattr(holder, each.name), text) for holder, each in shown if (text := ast.get_docstring(each))]
+    assert len(documented) > 30
+    for found, text in documented:
+        assert inspect.getdoc(found) == text, found
 
 
 def test_a_batch_is_its_stacks_one_by_one():

@@ -73,6 +73,20 @@ def test_the_script_of_the_page_renders_a_pearl(cache, tmp_path):
     assert [path.name.split("-")[0] for path in cache.iterdir()] == ["akoya"]
 
 
+def test_the_dictionary_of_the_page_is_that_of_its_scene(cache, recipe, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    nacre.bake(recipe, solver="auto", effects="all").save("pearl.exr")
+    mi.set_variant("scalar_rgb")
+    mi.util.write_bitmap("grain.png", mi.Bitmap(np.full((4, 4), 0.5, np.float32)))
+    page = (ROOT / "docs" / "PLUGIN.md").read_text()
+    dictionary = re.findall(r"^```python\n(texture = .*?)^```", page, re.S | re.M)[0]
+    scene = re.search(r"^```xml\n(.*?)^```", page, re.S | re.M)[1]
+    names: dict[str, object] = {}
+    exec(dictionary, names)
+    wanted = mi.load_string(scene.replace('<bsdf type="bumpmap">', '<bsdf version="3.0.0" type="bumpmap">', 1))
+    assert str(mi.load_dict(names["grained"])) == str(wanted)
+
+
 def test_a_recipe_gives_what_its_table_gives(cache, recipe, tmp_path):
     bsdf = pearl(recipe)
     nacre.bake(recipe, solver="auto").save(tmp_path / "table.exr")

@@ -257,7 +257,7 @@ pub enum ColourMode {
     Spectral,
 }
 
-/// Which components of the BSDF are shown (MODEL §9). Hiding one leaves the others as they are.
+/// Which components of the BSDF are shown (`docs/MODEL.md`, the BSDF). Hiding one leaves the others as they are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shown {
     /// Diffuse light of the body.

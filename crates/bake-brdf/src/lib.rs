@@ -1,11 +1,15 @@
 #![doc = include_str!("../README.md")]
 //!
-//! # Rooms
+//! # Modules
 //!
 //! - [`recipe`]: what a pearl is made of, and the built-in ones; [`options`]: what of it to bake, and how well;
 //! - [`effects`]: which effects a table holds, with a reason for each; [`plan`]: what they cost;
 //! - [`bake`]: the bake itself, forecasts, shards and checkpoints; [`tally`]: exits of a walk, in any order the same bits;
 //! - [`spectra`]: the colours of interference; [`study`]: what accuracy costs in time.
+//!
+//! # Features
+//!
+//! - `cli`, on by default: the binary `bake-brdf` and what it needs of a terminal. The library is the same without it.
 //!
 //! # Errors
 //!

@@ -8,6 +8,7 @@ use crate::options::SolverChoice;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::path::Path;
 use thinfilm::emission::SourceProfile;
 use thinfilm::{Dispersion, Material, nanometres};
 use transport::{Facets, Normals, Sheets, Transport};
@@ -48,6 +49,16 @@ pub const BUILT_IN: [(&str, &str); 13] = [
 #[must_use]
 pub fn built_in(name: &str) -> Option<&'static str> {
     BUILT_IN.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}
+
+/// Why a name stands for no recipe, where there is neither such a file nor such a built-in recipe.
+#[must_use]
+pub fn unknown(path: &Path) -> Option<String> {
+    let known = path.as_os_str() == "-"
+        || path.exists()
+        || path.to_str().is_some_and(|name| built_in(name).is_some());
+    let names = BUILT_IN.map(|(name, _)| name).join(", ");
+    (!known).then(|| format!("there is no such file, and the built-in recipes are {names}"))
 }
 
 /// What a pearl is made of, and how it should look.
@@ -817,6 +828,9 @@ mod tests {
             assert_eq!(built_in(name), Some(text));
         }
         assert_eq!(built_in("paper.json"), None);
+        let why = |name: &str| unknown(Path::new(name));
+        assert_eq!([why("paper"), why("-"), why("Cargo.toml")], [None, None, None]);
+        assert!(why("akoja").is_some_and(|why| why.contains("abalone, akoya, akoya-g")));
     }
 
     #[test]

@@ -1,5 +1,29 @@
-//! What the tools share: reading a table, writing a file, and pictures of a BSDF without a renderer.
+//! What the tools `lut`, `pearl` and `thinfilm` share: reading a table, writing a file, and pictures of a BSDF without a renderer.
+//!
+//! A picture of eight by eight pixels:
+//!
+//! ```
+//! use nacre_cli::preview::{self, Lighting, Quality, Shape};
+//! use pearl_bsdf::{Controls, PearlBsdf, Prepared};
+//! use std::sync::Arc;
+//!
+//! let table = lut_io::exr_file::decode(lut_io::EXAMPLE)?;
+//! let pearl = PearlBsdf::new(Arc::new(Prepared::new(table)?), Controls::default())?;
+//! let quality = Quality { size: 8, samples: 1, seed: 1 };
+//! let pictures = preview::render([&pearl], Shape::Sphere, &[Lighting::Distant], quality);
+//! let lit = pictures[0][0].view(preview::SUM).iter().filter(|rgb| rgb[1] > 0.0).count();
+//! assert!(lit > 8, "{lit}");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Modules
+//!
+//! - [`preview`]: a sphere and a free-form swatch, a picture a component;
+//! - [`read_table`], [`read_recipe`], [`write_file`] and [`print_files`] give errors that a tool can end with ([`terminal::Stop`]).
+//!
+//! The crate has no features to choose. Each tool is a binary of its own beside this library; `lut man` has the manual of `lut`.
 
+use bake_brdf::recipe::{self, Recipe};
 use lut_io::table::Table;
 use lut_io::{LutError, exr_file};
 use std::io::ErrorKind;
@@ -23,6 +47,22 @@ pub fn read_table(path: &Path) -> Result<Table, Stop> {
         _ if error.is_bad_input() => Stop::bad_input(error),
         _ => Stop::failure(error),
     })
+}
+
+/// Reads a recipe: of a file, of standard input, or of a built-in name.
+///
+/// # Errors
+/// Why there is none, or what is wrong with it.
+pub fn read_recipe(path: &Path) -> Result<Recipe, Stop> {
+    let refuse = |why: &dyn std::fmt::Display| Stop::bad_input(format!("{}: {why}", path.display()));
+    if let Some(why) = recipe::unknown(path) {
+        return Err(refuse(&why));
+    }
+    let text = match path.to_str().and_then(recipe::built_in) {
+        Some(text) => text.to_owned(),
+        None => terminal::read_text(path, recipe::MAX_BYTES)?,
+    };
+    Recipe::from_json(&text).map_err(|why| refuse(&why))
 }
 
 /// Writes a file whole or not at all.

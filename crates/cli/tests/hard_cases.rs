@@ -769,6 +769,19 @@ fn number(value: f64) -> String {
 }
 
 const DOCS: &str = "docs/HARD-CASES.md";
+/// What it begins with.
+const INTRODUCTION: &str = "\
+# Hard cases
+
+Where straightforward code breaks, what it says there, and what this program says. For whoever
+writes a solver or a reader of tables, and for whoever doubts ours. A row has the right *answer*
+and where it is from, then what *naive code* of the kind that is named *gives*. Then come what
+*ours* says, and its *error* (s.e.: in standard errors of the difference). Albedos are at σ = 2° in
+the plane unless the case says otherwise.
+
+The cases are in `tests/data/hard_transport.json`, the naive variants in
+`crates/cli/tests/hard_cases/naive.rs`. The table is written by
+`NACRE_WRITE_DOCS=1 cargo test --release -p nacre-cli --test hard_cases`.";
 /// Where another part of it begins.
 const PLUGIN: &str = "## The Mitsuba plugin";
 
@@ -776,10 +789,8 @@ const PLUGIN: &str = "## The Mitsuba plugin";
 #[allow(clippy::print_stdout)] // the figures are the point
 fn every_hard_case_has_its_answer() {
     let cases = catalogue();
-    let mut table = String::from(
-        "# Hard cases\n\nWritten by `NACRE_WRITE_DOCS=1 cargo test --release -p nacre-cli --test hard_cases` from\n\
-         `tests/data/hard_transport.json`; the naive variants stand in\n`crates/cli/tests/hard_cases/naive.rs`. Albedos at \
-         σ = 2° in the plane unless the case says\notherwise; s.e.: in standard errors of the difference.\n\n\
+    let mut table = format!(
+        "{INTRODUCTION}\n\n\
          | case | why it is hard | answer | from | naive code | gives | ours | error |\n|---|---|---|---|---|---|---|---|\n",
     );
     let mut failed = Vec::new();

@@ -1,6 +1,6 @@
 #![doc = include_str!("../README.md")]
 //!
-//! # Rooms
+//! # Modules
 //!
 //! Each knows those before it alone:
 //! - the table in memory: [`table`] with its metadata and their sections ([`solver`], [`spectra`], [`dispersion`], [`both_sides`],
@@ -11,6 +11,14 @@
 //! - what is done with tables: [`check`], [`diff`], [`fit`] to a compact form, [`reciprocity`], and [`symmetrise`] to a table that
 //!   is the same both ways;
 //! - beside them files of others: [`merl`] and [`tensor_file`].
+//!
+//! The crate has no features to choose.
+//!
+//! # Errors
+//!
+//! A [`FieldError`] names the field or channel, the value and what would be right; a [`LutError`] names the file as well, and tells bad
+//! input from a failing machine. Files come from strangers: any bytes are read soundly or refused, and what a reader allocates is
+//! bounded by [`limits`].
 
 /// A small table for examples: the paper's pearl to 5 %, by doubling, as a compact file of `lut fit`.
 pub const EXAMPLE: &[u8] = include_bytes!("../data/paper-coarse.exr");

@@ -1,5 +1,7 @@
 #![doc = include_str!("../README.md")]
 //!
+//! # What is evaluated
+//!
 //! Directions are unit vectors in the local shading frame, z the outward normal, both pointing away from the
 //! surface (Mitsuba's convention). `eval` includes cos θo; where either direction is at or below the horizon, or not of
 //! unit length, it is 0.
@@ -19,6 +21,21 @@
 //! [`Prepared`] is a table made ready, once for all looks; [`PearlBsdf`] is a prepared table with [`Controls`]. Nothing is
 //! allocated in `eval`, `pdf` and `sample`, nor in `eval_many`, `pdf_many` and `sample_many`, which answer for many pairs at a
 //! call in about half the time a pair, with the same bits.
+//!
+//! # Modules
+//!
+//! - here: [`Prepared`], [`Controls`], [`PearlBsdf`], [`Sample`]; [`Prepared::arrays`] gives all that a renderer of other make has to
+//!   gather from;
+//! - [`export`]: the pearl in formats of other programs, each with its error; [`export::npz`] writes the arrays;
+//! - [`measured`]: the adaptive parameterisation of measured materials, written and read; [`round_trip`]: how far a file is from the pearl;
+//! - [`web`]: the evaluator in JavaScript and GLSL.
+//!
+//! The crate has no features to choose.
+//!
+//! # Errors
+//!
+//! A [`BsdfError`] is one line: a control out of its range, a control whose colours the table does not have, or what is wrong with the
+//! table. Exports refuse with a [`lut_io::FieldError`]. Evaluation cannot fail: where there is no light it is 0.
 
 mod controls;
 mod eval;

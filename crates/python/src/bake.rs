@@ -55,7 +55,7 @@ impl<T> Drop for Ending<T> {
     }
 }
 
-/// Bakes a table.
+#[doc = stub!("bake")]
 #[pyfunction]
 #[pyo3(signature = (
     recipe, *, solver=None, accuracy=None, paths=None, time_budget=None, incident_deg=None, cells=None, effects=None, azimuth=None,
@@ -99,7 +99,7 @@ pub(crate) fn bake(
     Ok(Table::from(table?))
 }
 
-/// Walks one share of a bake's paths.
+#[doc = stub!("walk_shard")]
 #[pyfunction]
 #[pyo3(signature = (
     recipe, index, count, *, paths, incident_deg=None, cells=None, effects=None, azimuth=None, seed=1, look=None, threads=None
@@ -127,7 +127,7 @@ pub(crate) fn walk_shard<'py>(
     Ok(PyBytes::new(py, &shard?.encode().map_err(failure)?))
 }
 
-/// The table of all shards of one bake.
+#[doc = stub!("merge")]
 #[pyfunction]
 pub(crate) fn merge(py: Python<'_>, shards: Vec<PyBackedBytes>) -> PyResult<Table> {
     let table = py.detach(|| {

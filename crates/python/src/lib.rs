@@ -3,6 +3,13 @@
 //! A file a subject: each turns Python's arguments into those of a library, runs it without the interpreter's lock, and hands the result
 //! back as NumPy arrays. What the libraries refuse becomes `InputError` with their own line.
 
+/// What the stubs say of a name (build.rs).
+macro_rules! stub {
+    ($name:literal) => {
+        include_str!(concat!(env!("OUT_DIR"), "/", $name))
+    };
+}
+
 mod bake;
 mod convert;
 mod errors;

@@ -17,7 +17,7 @@ const FROM: &str = "look";
 /// The place of what the recipe's own look says.
 pub(crate) const RECIPE: &str = "recipe";
 
-/// Which effects a recipe calls for as it is looked at, and why.
+#[doc = stub!("effects")]
 #[pyfunction]
 #[pyo3(signature = (recipe, look=None))]
 pub(crate) fn effects<'py>(

@@ -21,7 +21,7 @@ use std::collections::HashMap;
 use std::io;
 use std::path::PathBuf;
 
-/// All that an evaluation reads, by name (docs/ARRAYS.md): single numbers and f32 arrays.
+#[doc = stub!("arrays")]
 #[pyfunction]
 pub(crate) fn arrays<'py>(py: Python<'py>, table: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
     let table = table_of(table)?;
@@ -34,7 +34,7 @@ pub(crate) fn arrays<'py>(py: Python<'py>, table: &Bound<'py, PyAny>) -> PyResul
     Ok(dict)
 }
 
-/// Writes a table for another program, and says what was written or how far it is from the table.
+#[doc = stub!("export")]
 #[pyfunction]
 pub(crate) fn export<'py>(
     py: Python<'py>,
@@ -61,7 +61,7 @@ pub(crate) fn export<'py>(
     to_python(py, &export.report(&path))
 }
 
-/// How two tables differ, and whether more than their errors explain: what `lut diff --json` prints.
+#[doc = stub!("diff")]
 #[pyfunction]
 pub(crate) fn diff<'py>(
     py: Python<'py>,
@@ -77,7 +77,7 @@ pub(crate) fn diff<'py>(
     to_python(py, &difference)
 }
 
-/// Whether what a table says of itself holds: what `lut check --json` prints of it.
+#[doc = stub!("check")]
 #[pyfunction]
 pub(crate) fn check<'py>(py: Python<'py>, table: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     let table = table_of(table)?;

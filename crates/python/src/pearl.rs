@@ -14,7 +14,7 @@ const PIECE: usize = 512;
 /// |v|² − 1 of a vector that needs no normalising: a few roundings.
 const UNIT: f64 = 1e-15;
 
-/// A BSDF: a table with a look.
+#[doc = stub!("Pearl")]
 #[pyclass(frozen, module = "nacre")]
 pub(crate) struct Pearl {
     bsdf: PearlBsdf,
@@ -83,7 +83,7 @@ impl Pearl {
         Ok(Self { bsdf })
     }
 
-    /// The controls, by name.
+    #[doc = stub!("Pearl.controls")]
     #[getter]
     fn controls<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let Controls { depth, brightness, coherence, body_rgb, tint_rgb, thickness, components } =
@@ -98,7 +98,7 @@ impl Pearl {
         to_python(py, &controls)
     }
 
-    /// f·cos θ of the light, linear sRGB, 1/sr: wi looks at the surface, light arrives from wo.
+    #[doc = stub!("Pearl.eval")]
     fn eval<'py>(
         &self,
         py: Python<'py>,
@@ -108,7 +108,7 @@ impl Pearl {
         self.evaluate(py, wi, wo, &[3], Evaluation::rgb)
     }
 
-    /// As `eval`, each component by itself: [..., component, channel], components in the order of `Pearl.COMPONENTS`.
+    #[doc = stub!("Pearl.eval_components")]
     fn eval_components<'py>(
         &self,
         py: Python<'py>,
@@ -122,7 +122,7 @@ impl Pearl {
         })
     }
 
-    /// As `eval` at wavelengths: [..., wavelength], all components together.
+    #[doc = stub!("Pearl.eval_spectrum")]
     fn eval_spectrum<'py>(
         &self,
         py: Python<'py>,
@@ -152,7 +152,7 @@ impl Pearl {
         array(py, &with(&shape, &[wavelengths.len()]), out)
     }
 
-    /// Density with which `sample` finds wo, 1/sr.
+    #[doc = stub!("Pearl.pdf")]
     fn pdf<'py>(
         &self,
         py: Python<'py>,
@@ -167,8 +167,7 @@ impl Pearl {
         array(py, &shape, out)
     }
 
-    /// Directions of light for wi from uniform random numbers u in [0, 1), three each: wo, its density and `eval` of the pair. Where
-    /// nothing is found (rarer than 1e-3) all three are 0.
+    #[doc = stub!("Pearl.sample")]
     #[allow(clippy::type_complexity)] // three arrays
     fn sample<'py>(
         &self,
@@ -217,7 +216,7 @@ impl Pearl {
         ))
     }
 
-    /// Share of the light that leaves of what arrives at angles of incidence (degrees, below 90), by component: [..., component, channel].
+    #[doc = stub!("Pearl.albedo")]
     fn albedo<'py>(
         &self,
         py: Python<'py>,

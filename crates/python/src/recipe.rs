@@ -10,14 +10,14 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict as _, PyAny, PyDict};
 use std::path::{Path, PathBuf};
 
-/// A recipe: layers, facets, azimuth mode and look of a pearl.
+#[doc = stub!("Recipe")]
 #[pyclass(frozen, module = "nacre", from_py_object)]
 #[derive(Clone)]
 pub(crate) struct Recipe {
     pub(crate) inner: Ours,
 }
 
-/// Names of the built-in recipes.
+#[doc = stub!("recipes")]
 #[pyfunction]
 pub(crate) fn recipes() -> Vec<&'static str> {
     recipe::BUILT_IN.iter().map(|(name, _)| *name).collect()
@@ -30,18 +30,18 @@ impl Recipe {
         Self::of(source)
     }
 
-    /// Its name.
+    #[doc = stub!("Recipe.name")]
     #[getter]
     fn name(&self) -> &str {
         &self.inner.name
     }
 
-    /// All of it, with every default written out.
+    #[doc = stub!("Recipe.to_dict")]
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &self.inner.to_json())
     }
 
-    /// Its stack as arrays for `nacre.thinfilm`: complex indices of ambient, layers and substrate, thicknesses and their spreads.
+    #[doc = stub!("Recipe.films")]
     #[allow(clippy::type_complexity)] // three arrays
     fn films<'py>(
         &self,
@@ -112,9 +112,7 @@ impl Recipe {
 
 /// The text of a file as Python reads it: UTF-8 with or without a byte-order mark, no more than a recipe may be long.
 fn text(py: Python<'_>, path: &Path) -> PyResult<String> {
-    if !path.exists() {
-        let names = recipes().join(", ");
-        let why = format!("there is no such file, and the built-in recipes are {names}");
+    if let Some(why) = recipe::unknown(path) {
         return Err(field(&path.display().to_string(), why));
     }
     let (mode, encoding) = (("mode", "r"), ("encoding", "utf-8-sig"));

@@ -14,7 +14,7 @@ use pyo3::types::{PyAny, PyBytes};
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
-/// A table of the lobe over angles of incidence and exit cells.
+#[doc = stub!("Table")]
 #[pyclass(frozen, module = "nacre")]
 pub(crate) struct Table {
     inner: Arc<Ours>,
@@ -56,42 +56,42 @@ impl Table {
         py.detach(|| exr_file::read(&path)).map(Self::from).map_err(of_file)
     }
 
-    /// The table of a file's bytes.
+    #[doc = stub!("Table.from_bytes")]
     #[staticmethod]
     fn from_bytes(py: Python<'_>, data: &[u8]) -> PyResult<Self> {
         py.detach(|| exr_file::decode(data)).map(Self::from).map_err(input)
     }
 
-    /// The bytes of its file.
+    #[doc = stub!("Table.to_bytes")]
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = py.detach(|| exr_file::encode(&self.inner)).map_err(input)?;
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Writes its file, whole or not at all.
+    #[doc = stub!("Table.save")]
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| exr_file::write(&self.inner, &path)).map_err(of_file)
     }
 
-    /// All metadata, as in the file.
+    #[doc = stub!("Table.meta")]
     #[getter]
     fn meta<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, self.inner.meta())
     }
 
-    /// Angles of incidence, radians, ascending.
+    #[doc = stub!("Table.theta_i")]
     #[getter]
     fn theta_i<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.inner.theta_i().into_pyarray(py)
     }
 
-    /// Names of all channels.
+    #[doc = stub!("Table.channels")]
     #[getter]
     fn channels(&self) -> Vec<String> {
         self.named().map(|(name, _)| name).collect()
     }
 
-    /// A channel as a view that cannot be written to: [incidence, column], in space [incidence, azimuth, column].
+    #[doc = stub!("Table.channel")]
     fn channel<'py>(this: &Bound<'py, Self>, name: &str) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let table = this.get();
         let Some((_, values)) = table.named().find(|(given, _)| given == name) else {
@@ -109,8 +109,7 @@ impl Table {
         Ok(array)
     }
 
-    /// Edges of the exit cells at an incidence, radians: of columns (signed angle in decay tables, polar angle in space), and in space of
-    /// azimuths.
+    #[doc = stub!("Table.edges")]
     #[allow(clippy::type_complexity)] // two arrays
     fn edges<'py>(
         &self,

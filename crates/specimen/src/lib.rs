@@ -1,4 +1,15 @@
 //! Made-up tables with Gaussian lobes and closed-form albedos: what tests read, damage and compare.
+//!
+//! ```
+//! let table = specimen::plane(&[0.0, 30.0, 60.0], 60);
+//! let lobe = lut_io::lobe::Interpolant::new(table);
+//! let theta_i = 30_f64.to_radians();
+//! let albedo = lobe.albedo(lut_io::table::Component::Interior, theta_i);
+//! assert!((albedo - specimen::interior_albedo(theta_i)).abs() < 1e-6);
+//! ```
+//!
+//! [`plane`], [`space`] and [`table()`] make tables, [`changed`] makes another of one. Parts that make no table panic: a test's input is
+//! the test's own. Never published, and without features.
 
 use lut_io::axis::ExitAxis;
 use lut_io::measure;

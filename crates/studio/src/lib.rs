@@ -1,4 +1,16 @@
 #![doc = include_str!("../README.md")]
+//!
+//! # Modules
+//!
+//! - here: [`Settings`] and [`Start`] say what is served, [`Server`] serves it until it is told to stop;
+//! - [`page`]: the page as one file, [`page::alone`].
+//!
+//! The crate has no features to choose.
+//!
+//! # Errors
+//!
+//! A [`StudioError`] is one line: a port that is taken, a recipe that cannot be baked, a table that makes no BSDF. What goes wrong while
+//! a browser asks is answered to the browser, and the server goes on.
 
 mod api;
 mod bakery;

@@ -1,4 +1,17 @@
 #![doc = include_str!("../README.md")]
+//!
+//! # What is here
+//!
+//! - [`main`] parses arguments, runs a tool and turns its [`Outcome`] into an exit code; [`Stop`] says why a tool ends without its result;
+//! - [`Manners`]: `--json`, `--quiet`, `--threads`, alike for all tools; [`completions`] and [`manual`] for shells and `man`;
+//! - [`print()`], [`print_json`] and [`stdout_error`] for results; [`one_line`] for what is said of them;
+//! - [`open_text`], [`read_text`] and [`angles_deg`] for input; [`interruption`] for Ctrl-C.
+//!
+//! The crate has no features to choose.
+//!
+//! # Errors
+//!
+//! All are a [`Stop`], whose variant is the exit code and whose text is one line.
 #![allow(clippy::print_stderr, clippy::print_stdout)] // this crate is the terminal
 
 pub use clap_complete::Shell;

@@ -1,7 +1,6 @@
 //! `pearl studio` and `pearl page`: the simulator, served or as one file.
 
 use crate::args::{PageArgs, StudioArgs};
-use bake_brdf::recipe::{self, Recipe};
 use pearl_bsdf::Prepared;
 use std::path::Path;
 use std::sync::Arc;
@@ -32,13 +31,7 @@ fn start(path: &Path) -> Result<Start, Stop> {
     if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr")) {
         return nacre_cli::read_table(path).map(Start::Table);
     }
-    let name = path.display();
-    let built_in = path.to_str().and_then(recipe::built_in);
-    let text = match built_in {
-        Some(text) => text.to_owned(),
-        None => terminal::read_text(path, recipe::MAX_BYTES)?,
-    };
-    Recipe::from_json(&text).map(Start::Recipe).map_err(|why| Stop::bad_input(format!("{name}: {why}")))
+    nacre_cli::read_recipe(path).map(Start::Recipe)
 }
 
 /// Writes the page.

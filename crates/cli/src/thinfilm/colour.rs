@@ -72,7 +72,7 @@ impl Precision {
 
 /// Colours as JSON or CSV.
 pub(crate) fn colours(args: &ColourArgs, as_json: bool, quiet: bool) -> Outcome {
-    let recipe = input::read_recipe(&args.recipe)?;
+    let recipe = nacre_cli::read_recipe(&args.recipe)?;
     let angles_deg = input::angles_deg(&args.angles_deg)?;
     let precision = &args.precision;
     precision.check()?;

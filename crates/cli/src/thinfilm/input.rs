@@ -1,22 +1,11 @@
-//! What the commands read: recipes, lists of angles, samples of wavelengths.
+//! What the commands read: lists of angles, samples of wavelengths.
 
-use bake_brdf::recipe::{self, Recipe};
-use std::path::Path;
 use terminal::Stop;
 
 /// Most wavelengths of one spectrum.
 const MOST_SAMPLES: usize = 1_000_000;
 /// Most angles.
 const MOST_ANGLES: usize = 10_000;
-
-/// The recipe of a file or of a built-in name.
-pub(crate) fn read_recipe(path: &Path) -> Result<Recipe, Stop> {
-    let text = match path.to_str().and_then(recipe::built_in) {
-        Some(text) => text.to_owned(),
-        None => terminal::read_text(path, recipe::MAX_BYTES)?,
-    };
-    Recipe::from_json(&text).map_err(|why| Stop::BadInput(format!("{}: {why}", path.display())))
-}
 
 /// `--angles-deg`, in the order given.
 pub(crate) fn angles_deg(list: &str) -> Result<Vec<f64>, Stop> {

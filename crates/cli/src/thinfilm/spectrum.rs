@@ -116,7 +116,7 @@ struct Grid<'a> {
 }
 
 pub(crate) fn spectrum(args: &SpectrumArgs, as_json: bool, quiet: bool) -> Outcome {
-    let recipe = input::read_recipe(&args.recipe)?;
+    let recipe = nacre_cli::read_recipe(&args.recipe)?;
     let wavelengths_nm = input::samples("--wavelengths-nm", "nm", &args.wavelengths_nm)?;
     let angles_deg = input::angles_deg(&args.angles_deg)?;
     check(args)?;

@@ -35,7 +35,7 @@ const MOST_CELLS: usize = 10_000;
 
 /// Draws the swatch to a PNG.
 pub(crate) fn swatch(args: &SwatchArgs, as_json: bool, quiet: bool) -> Outcome {
-    let recipe = input::read_recipe(&args.recipe)?;
+    let recipe = nacre_cli::read_recipe(&args.recipe)?;
     let angles_deg = input::angles_deg(&args.angles_deg)?;
     let percents = input::samples("--thickness-percent", "per cent", &args.thickness_percent)?;
     args.precision.check()?;

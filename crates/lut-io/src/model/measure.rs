@@ -59,7 +59,7 @@ pub fn reading_weights(axis: &ExitAxis, theta_i: f64, azimuth_width: f64) -> Vec
 ///
 /// `shares[k]` is the light that left through cell k as a share of the incident light (paths in the cell over
 /// paths walked); the density share/extent is rescaled so that Σ value·weight = Σ shares: in the plane this is
-/// f cos θo = A·g/∫g dω of MODEL §6. Standard errors of shares take the same factors.
+/// f cos θo = A·g/∫g dω of the azimuth postulate. Standard errors of shares take the same factors.
 #[must_use]
 pub fn value_factors(shares: &[f64], extents: &[f64], weights: &[f64]) -> Vec<f64> {
     let albedo: f64 = shares.iter().sum();

@@ -51,7 +51,7 @@ pub struct Meta {
     pub exit_axis: ExitAxis,
     /// Interface 0, for the closed-form surface lobe.
     pub surface_model: SurfaceModel,
-    /// Names of the effects that are in the table (MODEL §10).
+    /// Names of the effects that are in the table (`docs/EFFECTS.md`).
     pub effects: Vec<String>,
     /// One summary per θi, ascending in θi.
     pub per_incidence: Vec<IncidenceSummary>,

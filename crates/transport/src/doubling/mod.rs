@@ -1,4 +1,4 @@
-//! The deterministic solver: adding and doubling of interface operators (MODEL §7).
+//! The deterministic solver: adding and doubling of interface operators (`docs/DOUBLING.md`).
 //!
 //! The same Markov chain as the walk's, solved in a spectral basis. Per azimuthal mode the *value functions* on a
 //! hemisphere (what a ray of direction ω will have earned when it is gone) are polynomials on Gauss–Legendre nodes;

@@ -6,7 +6,7 @@ use super::grid::segment_rule;
 use crate::problem::Face;
 use crate::{Facets, Geometry, Light, Normals, Transport};
 
-/// Facet tilts that the plane's visible normals may have, at most: MODEL §3 as the walk draws them.
+/// Facet tilts that the plane's visible normals may have, at most, as the walk draws them.
 pub(super) fn steepest_visible_tilt(sigma: f64) -> f64 {
     (6.5 * sigma).min(80_f64.to_radians())
 }
