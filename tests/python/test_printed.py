@@ -21,8 +21,6 @@ PAGES = {
     "docs/GALLERY.md": ["tahitian.html"],
     "crates/cli/README.md": ["p.html"],
 }
-#: Pages that show what the commands print.
-SHOWING = ["docs/FIRST-PEARL.md"]
 #: Pages whose blocks are run elsewhere, or not: what they say takes an hour, other machines, or this very test.
 ELSEWHERE = {
     "README.md": "test_readme.py",
@@ -36,6 +34,14 @@ def form(line):
     return " ".join(re.sub(r"-?\d[\d.]*", "#", line).split())
 
 
+def shows_what_it_prints(page, said):
+    """What a page shows of the output is in it, but for numbers; … stands for what is left out."""
+    said = [form(line) for line in said.splitlines()]
+    shown = [form(line) for block in printed.blocks(page, "output") for line in block.splitlines() if line.strip() != "…"]
+    for line in shown:
+        assert any(found == line or line.endswith("…") and found.startswith(line[:-1].strip()) for found in said), line
+
+
 def test_every_page_with_commands_is_run():
     listed = subprocess.run(["git", "ls-files", "*.md"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
     with_commands = {page for page in listed if (ROOT / page).is_file() and printed.blocks(page)}
@@ -44,19 +50,15 @@ def test_every_page_with_commands_is_run():
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page != "docs/CPP.md"])
 def test_the_commands_of_a_page_run_as_printed(page, tmp_path):
-    said = [form(line) for line in printed.run("\n".join(printed.blocks(page)), tmp_path, printed.installed()).splitlines()]
+    shows_what_it_prints(page, printed.run("\n".join(printed.blocks(page)), tmp_path, printed.installed()))
     left = printed.files(tmp_path)
     assert all(left.get(name, 0) > 500 for name in PAGES[page]), left
-    # What the page shows of the output is there today, but for its numbers; … stands for what is left out.
-    shown = [line for block in printed.blocks(page, "text") for line in block.splitlines()] if page in SHOWING else []
-    for line in (form(line) for line in shown if line.strip() != "…"):
-        assert any(found == line or line.endswith("…") and found.startswith(line[:-1].strip()) for found in said), line
-    assert bool(shown) == (page in SHOWING)
 
 
 @pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler: the C++ reader was not tested")
 def test_the_c_plus_plus_program_says_what_the_table_says(tmp_path):
     said = printed.run("\n".join(printed.blocks("docs/CPP.md")), tmp_path, printed.installed())
+    shows_what_it_prints("docs/CPP.md", said)
     values = [float(x) for x in said.splitlines()[-1].split()]
     pairs = [
         ([0.5, 0, 0.866], [-0.5, 0, 0.866]),
