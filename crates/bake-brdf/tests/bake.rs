@@ -112,7 +112,7 @@ fn the_reader_returns_the_walks_albedo_and_normal_incidence_has_no_azimuth() {
         let reader = Interpolant::new(table.clone());
         for summary in &table.meta().per_incidence {
             let row = reader.row(summary.theta_i_deg.to_radians());
-            let (n, m) = (2000, 180);
+            let (n, m) = (800, 600);
             let mut integral = 0.0;
             for i in 0..n {
                 let theta_o = FRAC_PI_2 * (f64::from(i) + 0.5) / f64::from(n);

@@ -230,7 +230,10 @@ pub(super) fn doubled(
     };
     observer.go_on()?;
     let reading = |_: &[Row]| halfway::measured(&request.recipe, axis, solution, stored);
-    Ok(solved(request, transport, axis, settings, incidences, reading))
+    let mut solved = solved(request, transport, axis, settings, incidences, reading);
+    let errors = solved.lobes.iter_mut().flat_map(|lobe| &mut lobe.std_error);
+    errors.for_each(|error| *error = coarse(*error));
+    Ok(solved)
 }
 
 /// The lobe of a pearl that shows none.
@@ -315,9 +318,7 @@ pub(super) fn solved(
     mut incidences: Vec<Incidence>,
     reading: impl FnOnce(&[Row]) -> Reading,
 ) -> Solved {
-    let mut lobes: [Lobe; 3] = Default::default();
-    let mut rows = Vec::new();
-    for incidence in &mut incidences {
+    let row = |incidence: &mut Incidence| {
         let summary = &mut incidence.summary;
         if matches!(axis, ExitAxis::Plane { .. }) {
             summary.azimuth_width_deg = request.recipe.azimuth.decay_width_deg(summary.sd_theta_o_deg);
@@ -326,15 +327,22 @@ pub(super) fn solved(
         let extents = measure::cell_extents(axis, theta_i);
         let width = summary.azimuth_width_deg.to_radians();
         let weights = measure::reading_weights(axis, theta_i, width);
-        for (lobe, shares) in lobes.iter_mut().zip(&mut incidence.components) {
+        let stored = incidence.components.each_mut().map(|shares| {
             if theta_i == 0.0 {
                 symmetrise(axis, &extents, shares);
             }
-            push_row(lobe, shares, &extents, &weights);
-        }
+            stored_row(shares, &extents, &weights)
+        });
         let [interior, surface, _] = &incidence.components;
         let shares: [&[f64]; 2] = [&interior.share, &surface.share];
-        rows.push(Row::new(theta_i, width, &extents, weights, shares, incidence.noise));
+        (stored, Row::new(theta_i, width, &extents, weights, shares, incidence.noise))
+    };
+    let (stored, rows): (Vec<[Lobe; 3]>, Vec<Row>) = incidences.par_iter_mut().map(row).unzip();
+    let mut lobes: [Lobe; 3] = Default::default();
+    for row in stored {
+        for (lobe, row) in lobes.iter_mut().zip(row) {
+            append(lobe, row);
+        }
     }
     let solved_to = incidences.iter().map(|incidence| incidence.missed).fold(Missed::default(), Missed::max);
     let per_incidence: Vec<IncidenceSummary> =
@@ -372,14 +380,29 @@ pub(super) fn surface_model(transport: &Transport) -> SurfaceModel {
 }
 
 /// Stored values, errors and counts of one component at one incidence.
-pub(super) fn push_row(lobe: &mut Lobe, shares: &CellShares, extents: &[f64], weights: &[f64]) {
+pub(super) fn stored_row(shares: &CellShares, extents: &[f64], weights: &[f64]) -> Lobe {
     let factors = measure::value_factors(&shares.share, extents, weights);
     let scaled = |values: &[f64]| -> Vec<f32> {
         values.iter().zip(&factors).map(|(value, factor)| (value * factor) as f32).collect()
     };
-    lobe.value.extend(scaled(&shares.share));
-    lobe.std_error.extend(scaled(&shares.std_error));
-    lobe.count.extend(shares.count.iter().map(|&count| count as f32));
+    Lobe {
+        value: scaled(&shares.share),
+        std_error: scaled(&shares.std_error),
+        count: shares.count.iter().map(|&count| count as f32).collect(),
+    }
+}
+
+/// Adds the row of a further incidence to a component.
+pub(super) fn append(lobe: &mut Lobe, row: Lobe) {
+    lobe.value.extend(row.value);
+    lobe.std_error.extend(row.std_error);
+    lobe.count.extend(row.count);
+}
+
+/// An estimated error to eight binary digits: more than it is good for, and quicker to compress than all of them.
+fn coarse(error: f32) -> f32 {
+    const DROPPED: u32 = 16;
+    f32::from_bits((error.to_bits() + (1 << (DROPPED - 1))) & !((1 << DROPPED) - 1))
 }
 
 /// At normal incidence nothing distinguishes an azimuth: averages over the cells that differ by it alone, and

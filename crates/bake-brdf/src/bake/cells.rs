@@ -2,7 +2,7 @@
 
 use lut_io::axis::{ExitAxis, MAX_WIDTH, Stretched};
 use transport::Geometry;
-use transport::doubling::{Azimuth, Matrix, SingleReflection, Solution};
+use transport::doubling::{Azimuth, Cells, Matrix, SingleReflection, Solution};
 
 /// Columns of a plane table: cells of 0.07 σ-widths at the lobe's centre keep the reading error near 5e-4.
 const PLANE_CELLS: usize = 128;
@@ -26,13 +26,10 @@ pub fn exit_axis(geometry: Geometry, slope_sd: f64) -> ExitAxis {
     }
 }
 
-/// A Gauss rule over the cells around one lobe, three points a cell on the columns (two where they are many) and two on φ, where lobes are
-/// smoother.
+/// Cells around one lobe: a Gauss rule along their columns, three points a cell (two where they are many), and edges in φ.
 pub(super) struct CellRule {
-    pub(super) angles: Vec<f64>,
-    pub(super) azimuths: Vec<f64>,
+    angles: Vec<f64>,
     weights: Vec<f64>,
-    azimuth_weights: Vec<f64>,
     columns: usize,
     rows: usize,
     /// Edges of the φ cells; none in the plane.
@@ -46,57 +43,41 @@ impl CellRule {
         let rule: &[(f64, f64)] = if columns.cells < FINE_COLUMNS { &GAUSS_3 } else { &GAUSS_2 };
         let (angles, mut weights) = gauss(&columns, rule);
         let phi = axis.phi_at(specular);
-        let sectors = phi.iter().flat_map(|phi| (0..=phi.cells).map(|edge| phi.at(edge as f64))).collect();
-        let (azimuths, azimuth_weights) = match &phi {
-            None => (vec![0.0], vec![1.0]),
-            Some(phi) => {
-                for (weight, angle) in weights.iter_mut().zip(&angles) {
-                    *weight *= angle.sin();
-                }
-                // Both mirror halves.
-                let (azimuths, weights) = gauss(phi, &GAUSS_2);
-                (azimuths, weights.iter().map(|w| 2.0 * w).collect())
-            }
-        };
-        let rows = axis.rows_per_incidence();
-        Self { angles, azimuths, weights, azimuth_weights, columns: columns.cells, rows, sectors }
-    }
-
-    /// Integral of a density (rows angles, columns azimuths) over each cell.
-    pub(super) fn shares(&self, density: &Matrix) -> Vec<f64> {
-        let columns = self.columns;
-        let per_column = self.angles.len() / columns;
-        let per_row = self.azimuths.len() / self.rows;
-        let mut shares = Vec::with_capacity(self.rows * columns);
-        for row in 0..self.rows {
-            for column in 0..columns {
-                let mut share = 0.0;
-                for f in row * per_row..(row + 1) * per_row {
-                    for k in column * per_column..(column + 1) * per_column {
-                        share += self.weights[k] * self.azimuth_weights[f] * density[(k, f)];
-                    }
-                }
-                // Truncated series may dip below zero where there is next to no light.
-                shares.push(share.max(0.0));
+        if phi.is_some() {
+            for (weight, angle) in weights.iter_mut().zip(&angles) {
+                *weight *= angle.sin();
             }
         }
-        shares
+        let sectors = phi.iter().flat_map(|phi| (0..=phi.cells).map(|edge| phi.at(edge as f64))).collect();
+        let rows = axis.rows_per_incidence();
+        Self { angles, weights, columns: columns.cells, rows, sectors }
+    }
+
+    /// These cells, as a solution integrates over them.
+    pub(super) fn of(&self, solution: &Solution) -> Cells {
+        solution.cells(&self.angles, &self.weights, self.columns, &self.sectors)
     }
 
     /// Integral of the single reflection over each cell. In space its ridge in φ may be narrower than a cell near the horizon: cells
     /// are divided there.
     pub(super) fn single_shares(&self, lobe: &SingleReflection) -> Vec<f64> {
         if self.sectors.is_empty() {
-            return self.shares(&Matrix::from_fn(self.angles.len(), 1, |k, _| lobe.plane(self.angles[k])));
+            let points = self.angles.len() / self.columns;
+            let values = self.angles.iter().zip(&self.weights).map(|(s, weight)| weight * lobe.plane(*s));
+            let values: Vec<f64> = values.collect();
+            return values.chunks_exact(points).map(|cell| cell.iter().sum()).collect();
         }
         let columns = self.columns;
         let mut shares = vec![0.0; self.rows * columns];
         let points = self.angles.len() / columns;
-        let spread = |from: f64, step: f64| GAUSS_3.map(|(t, _)| Azimuth::new(from + t * step));
-        let whole: Vec<_> =
-            self.sectors.windows(2).map(|edges| spread(edges[0], edges[1] - edges[0])).collect();
+        let widths = || self.sectors.windows(2).map(|edges| (edges[0], edges[1] - edges[0]));
+        let few: Vec<_> = widths().map(|(from, step)| spread(&GAUSS_2, from, step)).collect();
+        let whole: Vec<_> = widths().map(|(from, step)| spread(&GAUSS_3, from, step)).collect();
         for (k, (theta, weight)) in self.angles.iter().zip(&self.weights).enumerate() {
             let (sd, exit) = (lobe.azimuth_sd(*theta), theta.sin_cos());
+            if lobe.slope(exit) > STEEPEST {
+                continue;
+            }
             for (row, edges) in self.sectors.windows(2).enumerate() {
                 let end = edges[1].min(WIDEST_RIDGE * sd);
                 if end <= edges[0] {
@@ -104,14 +85,14 @@ impl CellRule {
                 }
                 let parts = ((end - edges[0]) / sd).ceil().max(1.0) as usize;
                 let step = (end - edges[0]) / parts as f64;
-                let over = |azimuths: &[Azimuth; 3]| -> f64 {
-                    let values = azimuths.iter().map(|azimuth| lobe.towards(exit, *azimuth));
-                    values.zip(&GAUSS_3).map(|(value, (_, weight))| weight * value).sum()
-                };
-                let over_parts = if parts == 1 && end == edges[1] {
-                    over(&whole[row])
-                } else {
-                    (0..parts).map(|part| over(&spread(edges[0] + part as f64 * step, step))).sum()
+                let over = |azimuths: &[Azimuth; 3]| mean(&GAUSS_3, azimuths, lobe, exit);
+                let over_parts = match parts == 1 && end == edges[1] {
+                    true if step <= NARROW * sd => mean(&GAUSS_2, &few[row], lobe, exit),
+                    true => over(&whole[row]),
+                    false => {
+                        let part = |part| over(&spread(&GAUSS_3, edges[0] + part as f64 * step, step));
+                        (0..parts).map(part).sum()
+                    }
                 };
                 // Both mirror halves.
                 let around = 2.0 * step * over_parts;
@@ -122,10 +103,34 @@ impl CellRule {
     }
 }
 
+/// The points of a rule between two azimuths.
+fn spread<const N: usize>(rule: &[(f64, f64); N], from: f64, step: f64) -> [Azimuth; N] {
+    rule.map(|(t, _)| Azimuth::new(from + t * step))
+}
+
+/// The mean of a single reflection over the points of a rule.
+fn mean<const N: usize>(
+    rule: &[(f64, f64); N],
+    azimuths: &[Azimuth; N],
+    lobe: &SingleReflection,
+    exit: (f64, f64),
+) -> f64 {
+    azimuths.iter().zip(rule).map(|(azimuth, (_, weight))| weight * lobe.towards(exit, *azimuth)).sum()
+}
+
+/// Standard deviations of φ up to which two points are as good as three.
+const NARROW: f64 = 0.3;
 /// Columns from which two points a cell are as good as three of fewer.
 const FINE_COLUMNS: usize = 200;
+/// Slopes beyond so many standard deviations reflect no light: e⁻⁴⁰ of what the flattest does.
+const STEEPEST: f64 = 9.0;
 /// Standard deviations of φ beyond which a single reflection holds no light.
 const WIDEST_RIDGE: f64 = 9.0;
+
+/// Light by cell. Truncated series may dip below zero where there is next to none.
+pub(super) fn light(shares: &Matrix) -> Vec<f64> {
+    shares.values().iter().map(|share| share.max(0.0)).collect()
+}
 
 /// Share of the incident light in each cell, by component, scaled to the share that the solution knows without cells: where a
 /// truncated series dips below zero the dips are cut off, which leaves 3 % too much of a faint part (the re-hits of σ = 25° at 1 %
@@ -133,7 +138,7 @@ const WIDEST_RIDGE: f64 = 9.0;
 pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize) -> [Vec<f64>; 3] {
     let lobe = &solution.lobes[incidence];
     let rule = CellRule::new(axis, lobe.theta_i);
-    let basis = solution.basis(&rule.angles, &rule.azimuths);
+    let cells = rule.of(solution);
     let scaled = |mut shares: Vec<f64>, known: f64| {
         let integrated: f64 = shares.iter().sum();
         // Less than rounding has no sign, and no shape.
@@ -142,8 +147,8 @@ pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize
         }
         shares
     };
-    let interior = scaled(rule.shares(&solution.interior(incidence, &basis)), lobe.albedo - lobe.surface);
-    let rehit = scaled(rule.shares(&solution.rehit(incidence, &basis)), lobe.rehit);
+    let interior = scaled(light(&solution.interior_shares(incidence, &cells)), lobe.albedo - lobe.surface);
+    let rehit = scaled(light(&solution.rehit_shares(incidence, &cells)), lobe.rehit);
     let single = scaled(rule.single_shares(solution.single_reflection(incidence)), lobe.surface - lobe.rehit);
     let surface = single.iter().zip(&rehit).map(|(single, rehit)| single + rehit).collect();
     [interior, surface, rehit]

@@ -255,7 +255,7 @@ fn beside_seconds(geometry: Geometry, beside: &[f64]) -> f64 {
 
 /// The settings that doubling starts with.
 pub(super) fn settings(request: &Request, transport: &Transport, accuracy: f64) -> Settings {
-    Settings::for_accuracy(transport, request.geometry(), request.grid.solver_share(accuracy))
+    Settings::for_accuracy(transport, request.geometry(), request.grid.solver_wanted(accuracy).aim)
 }
 
 /// Refuses what doubling would refuse before it begins.
@@ -362,6 +362,8 @@ mod tests {
             request.grid.incident_deg = (0..=90).step_by(degrees).map(|angle| angle as f64).collect();
             // What the clock says depends on the machine's load.
             request.placing_seconds = 0.0;
+            // A faint interior is solved more finely, whatever has how many layers.
+            request.grid.refinements = 0;
             seconds(&request, SolverChoice::Doubling)
         };
         let base = of(40, 1.0, 10);

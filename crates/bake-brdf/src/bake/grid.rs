@@ -1,11 +1,12 @@
 //! The grid of a table: at which incidences it has rows, and into which cells of exit directions each is divided.
 
-use super::{BakeError, COARSEST_DOUBLING, Request, bands, exit_axis, placing};
+use super::{BakeError, Request, bands, exit_axis, placing};
 use crate::options::{OptionError, check_incidences};
 use lut_io::axis::ExitAxis;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use transport::doubling::{DoublingError, Operator, Settings, Solution};
+use transport::doubling::{DoublingError, Operator, Settings, Solution, Wanted};
 use transport::{Geometry, Light, Transport};
 
 /// Shares of the accuracy asked for that reading between rows, and between cells, may take: more for cells where there are two
@@ -17,21 +18,23 @@ pub(super) const fn reading_shares(axis: &ExitAxis) -> [f64; 2] {
     }
 }
 
-/// Lobes by which a grid is placed are this much more accurate than what they decide, and as much again each time, within bounds.
+/// Lobes by which a grid is placed are this much more accurate than what they decide, and as much again with each refinement, within
+/// bounds. The solver is as fine: what is left of a lobe's ringing is missed between rows and cells, too.
 const FINER: f64 = 0.3;
-const LOBE_SHARES: [f64; 2] = [2e-5, 5e-3];
+const LOBE_SHARES: [f64; 2] = [2e-6, 5e-3];
+/// Share of the accuracy asked for that the solver may take: where its estimate comes to less, it is not made finer.
+const SOLVER_MOST: f64 = 0.2;
+/// Total variation of lobes that are not made finer for ringing that is left.
+const FINEST_ATTEMPT: f64 = 2e-5;
 /// Root of a share of all light below which a component makes the lobes finer; above, they are fine enough.
 const FAINT: f64 = 0.15;
-/// Share of the accuracy asked for that the solver takes of what reading between rows and cells leaves: what it leaves of ringing is
-/// missed between rows and cells, too, so that it is about as fine as the lobes by which they were placed.
-const SOLVER_SHARE: f64 = 0.1;
-/// Total variation at which rounding begins to end what more nodes do.
-const FINEST_DOUBLING: f64 = 2e-6;
 /// Rows or cells that miss this much more than they may are placed by finer lobes, so often at most.
 const FAR: f64 = 1.2;
 const ATTEMPTS: u32 = 3;
 /// The solver is made finer at most so often.
-pub(super) const MOST_REFINEMENTS: u32 = 4;
+pub(super) const MOST_REFINEMENTS: u32 = 6;
+/// Bytes that a solved stack may take to be kept from placing rows to solving them.
+const KEPT: f64 = 256.0 * (1u64 << 20) as f64;
 /// Seconds of one core that one solution of the lobes may take; incidences of one.
 const AFFORDABLE: f64 = 10.0;
 const SOLVED: usize = 100;
@@ -53,6 +56,14 @@ const fn is_zero(count: &u32) -> bool {
     *count == 0
 }
 
+/// Total variation of the lobes that decide a grid, and of those that are stored, refined so often.
+fn lobe_share(axis: &ExitAxis, accuracy: f64, refinements: u32) -> f64 {
+    let [rows, cells] = reading_shares(axis);
+    let share = FINER.powi(1 + refinements as i32) * rows.min(cells) * accuracy;
+    // Finer than rounding allows is asked for of no lobe, unless the accuracy itself is.
+    share.max(LOBE_SHARES[0].min(0.5 * accuracy)).min(LOBE_SHARES[1])
+}
+
 impl Grid {
     /// From JSON text.
     pub(super) fn from_json(text: &str) -> Result<Self, String> {
@@ -62,18 +73,22 @@ impl Grid {
         Ok(grid)
     }
 
-    /// Total variation that doubling is asked for where a table is wanted to an accuracy (both shares of all light).
-    pub(super) fn solver_share(&self, accuracy: f64) -> f64 {
-        let share = SOLVER_SHARE * accuracy * FINER.powi(self.refinements as i32);
-        share.max(FINEST_DOUBLING.min(0.5 * accuracy)).min(COARSEST_DOUBLING)
+    /// Total variation that doubling is asked for where a table is wanted to an accuracy (shares of all light).
+    pub(super) fn solver_wanted(&self, accuracy: f64) -> Wanted {
+        let aim = lobe_share(&self.axis, accuracy, self.refinements);
+        Wanted { aim, most: aim.max(SOLVER_MOST * accuracy) }
     }
 
     /// The grid that a request asks for: its own incidences or as few as its accuracy takes, and as few cells as that takes. A
-    /// function of the request alone. Stops soon after `stop` is set.
+    /// function of the request alone. With it the stack as it was solved at the recipe's wavelength, where that was needed. Stops soon
+    /// after `stop` is set.
     ///
     /// # Errors
     /// A bad request; [`BakeError::Interrupted`].
-    pub(super) fn of(stop: &AtomicBool, request: &Request) -> Result<Self, BakeError> {
+    pub(super) fn of(
+        stop: &AtomicBool,
+        request: &Request,
+    ) -> Result<(Self, Option<Arc<Operator>>), BakeError> {
         let options = &request.options;
         options.check()?;
         let transport = request.transport()?;
@@ -91,19 +106,19 @@ impl Grid {
         first.validate().map_err(|why| OptionError::new("cells", why.to_string()))?;
         let both_given = options.incident_deg.is_some() && options.cells.is_some();
         if !request.effects.has_lobe() || slope_sd == 0.0 || both_given {
-            return Ok(listed(first));
+            return Ok((listed(first), None));
         }
         let problems = problems(request, transport)?;
         let azimuth = request.recipe.azimuth;
-        let shares = reading_shares(&first).map(|share| share * options.target.share());
-        let mut best: Option<Self> = None;
+        let accuracy = options.target.share();
+        let shares = reading_shares(&first).map(|share| share * accuracy);
+        let mut best = None;
         // What is left of a lobe's ringing is missed between any cells and rows: then the lobes have to be finer, and the solver.
         for attempt in 0..ATTEMPTS {
-            let finer = FINER * shares[0].min(shares[1]) * FINER.powi(attempt as i32);
-            let solved = problems.iter().map(|transport| lobes(stop, transport, geometry, &first, finer));
+            let solved = problems.iter().map(|of| lobes(stop, of, geometry, &first, accuracy, attempt));
             let solved = solved.collect::<Result<Vec<_>, BakeError>>()?;
             let Some(solved) = solved.into_iter().collect::<Option<Vec<_>>>() else { break };
-            let faintest = solved.iter().map(|lobes| lobes.faintest).fold(1.0, f64::min);
+            let refinements = solved.iter().map(|lobes| lobes.refinements).max().unwrap_or(attempt);
             let needed =
                 solved.iter().map(|lobes| placing::cells(stop, &first, azimuth, shares[1], &lobes.probed));
             let (axis, between_cells) = match options.cells {
@@ -121,38 +136,38 @@ impl Grid {
                     (Self { incident_deg, axis, refinements: 0 }, missed)
                 }
             };
-            // Half of what the faintest component took: of its own error the solver takes a tenth anyway.
-            let refinements = attempt + (0.5 * faintest.ln() / FINER.ln()) as u32;
-            best = Some(Self { refinements: refinements.min(MOST_REFINEMENTS), ..grid });
             let kept = between_cells <= FAR * shares[1] && between_rows <= FAR * shares[0];
-            if kept || finer * faintest <= LOBE_SHARES[0] {
+            let own = solved.into_iter().next().map(|lobes| lobes.operator);
+            best = Some((Self { refinements, ..grid }, own.filter(|own| own.bytes() <= KEPT).map(Arc::new)));
+            if kept || lobe_share(&first, accuracy, refinements) <= FINEST_ATTEMPT {
                 break;
             }
         }
-        Ok(best.unwrap_or_else(|| listed(first)))
+        Ok(best.unwrap_or_else(|| (listed(first), None)))
     }
 }
 
 /// What decides the grid of one problem.
-struct Lobes<'s> {
-    operator: Operator<'s>,
+struct Lobes {
+    operator: Operator,
     /// Solved at the probes of the cells.
     probed: Solution,
-    /// By how much they are finer for the sake of their faintest component.
-    faintest: f64,
+    /// How often they were made finer, for the attempt and for the sake of their faintest component.
+    refinements: u32,
 }
 
-/// Lobes to decide a grid of such an axis by, to such an accuracy within bounds; none where they cost too much.
-fn lobes<'s>(
-    stop: &'s AtomicBool,
+/// Lobes to decide a grid of such an axis by, refined so often; none where they cost too much.
+fn lobes(
+    stop: &AtomicBool,
     transport: &Transport,
     geometry: Geometry,
     axis: &ExitAxis,
-    finer: f64,
-) -> Result<Option<Lobes<'s>>, BakeError> {
+    accuracy: f64,
+    refinements: u32,
+) -> Result<Option<Lobes>, BakeError> {
     let probes = placing::probes(axis);
-    let solved = |finer: f64, faintest: f64| -> Result<Option<Lobes<'s>>, BakeError> {
-        let settings = Settings::for_accuracy(transport, geometry, (finer * faintest).max(LOBE_SHARES[0]));
+    let solved = |refinements: u32| -> Result<Option<Lobes>, BakeError> {
+        let settings = Settings::for_accuracy(transport, geometry, lobe_share(axis, accuracy, refinements));
         if settings.cost(transport, geometry, SOLVED).seconds > AFFORDABLE {
             return Ok(None);
         }
@@ -160,14 +175,14 @@ fn lobes<'s>(
             Err(DoublingError::Domain { .. } | DoublingError::TooCostly { .. }) => return Ok(None),
             operator => operator?,
         };
-        let probed = operator.solve(&probes)?;
-        Ok(Some(Lobes { operator, probed, faintest }))
+        let probed = operator.solve_unless(stop, &probes)?;
+        Ok(Some(Lobes { operator, probed, refinements }))
     };
-    let finer = finer.min(LOBE_SHARES[1].min(COARSEST_DOUBLING));
-    let Some(coarse) = solved(finer, 1.0)? else { return Ok(None) };
+    let Some(coarse) = solved(refinements)? else { return Ok(None) };
     // A faint component is judged by the root of its share: its lobes have to be finer by as much.
     let faintest = placing::faintest(&coarse.probed);
-    let fine = if faintest < FAINT { solved(finer, faintest)? } else { None };
+    let finer = refinements + (faintest.ln() / FINER.ln()).ceil() as u32;
+    let fine = if faintest < FAINT { solved(finer.min(MOST_REFINEMENTS))? } else { None };
     Ok(Some(fine.unwrap_or(coarse)))
 }
 

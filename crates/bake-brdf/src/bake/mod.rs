@@ -261,10 +261,11 @@ fn doubled(
         let below = upside_down.map(|below| doubling::smooth(&below, &request.theta_i())).transpose()?;
         return Ok(second_side::smooth(request, transport, axis, &lobes, below.as_deref()));
     }
-    let share = request.grid.solver_share(percent / 100.0);
+    let wanted = request.grid.solver_wanted(percent / 100.0);
     let theta_i = reading::with_middles(&request.theta_i());
+    let (geometry, known) = (request.geometry(), request.placed_by.as_deref());
     let solution =
-        doubling::solve_to_unless(observer.stop, transport, request.geometry(), &theta_i, share, both_sides)?;
+        doubling::solve_to_unless(observer.stop, transport, geometry, &theta_i, wanted, both_sides, known)?;
     let solved = assemble::doubled(request, transport, axis, &solution, observer)?;
     let below = solution.from_below.as_ref();
     Ok((solved, below.map(|below| second_side::of(request, transport, axis, &solution, below))))

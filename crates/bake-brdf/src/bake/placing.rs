@@ -4,11 +4,12 @@
 //! some forty incidences, rows go where every interval gets an equal share of ∫√κ, and lobes solved half-way between them say what was
 //! reached. Reading between cells misses a share that falls with the square of their number.
 
-use super::reading::{self, Look, Missed, Sample};
+use super::reading::{self, Look, Missed, Sample, interval};
 use super::{BakeError, go_on};
 use crate::recipe::Azimuth;
 use lut_io::axis::ExitAxis;
 use rayon::prelude::*;
+use std::collections::HashMap;
 use std::f64::consts::FRAC_PI_2;
 use std::sync::atomic::AtomicBool;
 use transport::doubling::{Operator, Solution, component_scale};
@@ -16,13 +17,14 @@ use transport::doubling::{Operator, Solution, component_scale};
 /// Incidences from which the bend of the lobes is known.
 const SCOUTS: usize = 40;
 /// Rounds of placing rows, and of choosing cells.
-const ROUNDS: usize = 5;
+const ROUNDS: usize = 6;
+/// So many intervals, or an eighth of them, may be halved by themselves.
+const SPLIT: usize = 3;
 /// Rows and cells aim at these shares of what they may miss; fewer cells than this share of those there are are not looked for.
 const ROWS_AIM: f64 = 0.9;
-const CELLS_AIM: f64 = 0.9;
-/// Rows are done once what they miss is within these shares of what they may miss: the solver takes what is left.
+const CELLS_AIM: f64 = 0.97;
+/// Rows are too many where they miss less than this share of what they may miss; cells are few enough at this.
 const FEW: f64 = 0.7;
-const NEAR: f64 = 1.0;
 const ENOUGH: f64 = 0.9;
 /// Fewest and most rows.
 const ROWS: std::ops::RangeInclusive<usize> = 3..=2001;
@@ -99,15 +101,15 @@ pub(super) fn rows<'o>(
     axis: &ExitAxis,
     azimuth: Azimuth,
     share: f64,
-    problems: impl Iterator<Item = &'o Operator<'o>>,
+    problems: impl Iterator<Item = &'o Operator>,
 ) -> Result<(Vec<f64>, f64), BakeError> {
-    let sampled = |operator: &Operator<'_>, theta_i: &[f64]| -> Result<Vec<Sample>, BakeError> {
-        let solution = operator.solve(theta_i)?;
+    let sampled = |operator: &Operator, theta_i: &[f64]| -> Result<Vec<Sample>, BakeError> {
+        let solution = operator.solve_unless(stop, theta_i)?;
         let sample = |i| go_on(stop).map(|()| Sample::new(axis, azimuth, &solution, i));
         (0..theta_i.len()).into_par_iter().map(sample).collect()
     };
     let scouts = spread_out(SCOUTS, axis.width());
-    let mut most: Option<(&'o Operator<'o>, Vec<Sample>, Bend)> = None;
+    let mut most: Option<(&'o Operator, Vec<Sample>, Bend)> = None;
     for operator in problems {
         let samples = sampled(operator, &scouts)?;
         let bend = Bend::of(axis, &samples);
@@ -115,30 +117,61 @@ pub(super) fn rows<'o>(
             most = Some((operator, samples, bend));
         }
     }
-    let Some((operator, samples, mut bend)) = most else { return Ok((Vec::new(), f64::INFINITY)) };
+    let Some((operator, scouts, bend)) = most else { return Ok((Vec::new(), f64::INFINITY)) };
     let mut best: Option<(Vec<f64>, f64)> = None;
     let mut seen = Vec::new();
+    // What was solved is solved once.
+    let mut known: HashMap<u64, Sample> = HashMap::new();
+    let mut incident_deg = bend.place(ROWS_AIM * share);
     for _ in 0..ROUNDS {
-        let incident_deg = bend.place(ROWS_AIM * share);
         let theta_i: Vec<f64> = incident_deg.iter().map(|degrees| degrees.to_radians()).collect();
-        let rows = sampled(operator, &reading::with_middles(&theta_i))?;
-        let (nodes, middles) = rows.split_at(theta_i.len());
-        let looks = reading::between_rows(axis, nodes, middles.par_iter().chain(&samples));
+        let wanted = reading::with_middles(&theta_i);
+        let mut new: Vec<f64> =
+            wanted.iter().copied().filter(|theta| !known.contains_key(&theta.to_bits())).collect();
+        new.dedup();
+        known.extend(sampled(operator, &new)?.into_iter().map(|sample| (sample.theta_i.to_bits(), sample)));
+        let samples: Vec<&Sample> =
+            wanted.iter().filter_map(|theta| known.get(&theta.to_bits())).chain(&scouts).collect();
+        let (nodes, others) = samples.split_at(theta_i.len());
+        let looks = reading::between_rows(axis, nodes, others);
         let worst = looks.iter().map(|look| look.missed.worst()).fold(0.0, f64::max);
         let better = best.as_ref().is_none_or(|(rows, missed)| match (*missed <= share, worst <= share) {
             (true, true) => incident_deg.len() < rows.len(),
             (kept, keeps) => keeps || (!kept && worst < *missed),
         });
-        bend = Bend::seen(&mut seen, looks, ROWS_AIM * share);
-        let done = (FEW * share..=NEAR * share).contains(&worst);
         if better {
-            best = Some((incident_deg, worst));
+            best = Some((incident_deg.clone(), worst));
         }
-        if done {
+        if (FEW * share..=share).contains(&worst) {
             break;
         }
+        let wide = too_wide(&theta_i, &looks, share);
+        let bend = Bend::seen(&mut seen, looks, ROWS_AIM * share);
+        // Where a few intervals miss too much they are halved; else, or where rows are too many, all are placed anew.
+        incident_deg = if wide.is_empty() || wide.len() > SPLIT.max(theta_i.len() / 8) {
+            bend.place(ROWS_AIM * share)
+        } else {
+            halved(&theta_i, &wide)
+        };
     }
     Ok(best.unwrap_or((Vec::new(), f64::INFINITY)))
+}
+
+/// The intervals between rows, by their lower row, in which more than `share` is missed.
+fn too_wide(theta_i: &[f64], looks: &[Look], share: f64) -> Vec<usize> {
+    let missing = looks.iter().filter(|look| look.missed.worst() > share);
+    let mut wide: Vec<usize> = missing.map(|look| interval(theta_i, look.theta_i)).collect();
+    wide.sort_unstable();
+    wide.dedup();
+    wide
+}
+
+/// Rows, degrees, with one more in the middle of some intervals.
+fn halved(theta_i: &[f64], wide: &[usize]) -> Vec<f64> {
+    let middles = wide.iter().map(|&i| 0.5 * (theta_i[i] + theta_i[i + 1]));
+    let mut rows: Vec<f64> = theta_i.iter().copied().chain(middles).collect();
+    rows.sort_by(f64::total_cmp);
+    rounded(&rows)
 }
 
 /// What reading a table misses between its rows and between its cells, at worst, from a solution of its incidences and of the middles
@@ -147,6 +180,7 @@ pub(super) fn missed(axis: &ExitAxis, azimuth: Azimuth, solution: &Solution, row
     let samples = 0..solution.lobes.len();
     let samples: Vec<Sample> =
         samples.into_par_iter().map(|i| Sample::new(axis, azimuth, solution, i)).collect();
+    let samples: Vec<&Sample> = samples.iter().collect();
     let (nodes, middles) = samples.split_at(rows);
     let between_rows = reading::between_rows(axis, nodes, middles)
         .iter()

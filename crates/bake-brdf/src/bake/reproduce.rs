@@ -75,7 +75,7 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
         _ => 0,
     };
     let grid = Grid { incident_deg, axis: meta.exit_axis, refinements };
-    Ok(Request { recipe, effects, options, grid, placing_seconds: 0.0 })
+    Ok(Request { recipe, effects, options, grid, placed_by: None, placing_seconds: 0.0 })
 }
 
 const fn exactly(precision: solver::Precision) -> Precision {

@@ -6,8 +6,10 @@ use crate::options::{Options, Sides, SolverChoice};
 use crate::recipe::{AzimuthMode, Recipe};
 use crate::spectra::{self, Colours, Wanted};
 use lut_io::axis::ExitAxis;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
+use transport::doubling::Operator;
 use transport::{Geometry, Light, Transport};
 
 /// Bounds of the colour difference ΔE00 that colours are baked to.
@@ -24,6 +26,8 @@ pub struct Request {
     pub options: Options,
     /// Rows and cells.
     pub grid: Grid,
+    /// The stack at the recipe's wavelength as it was solved to place them: kept, so that it need not be solved again.
+    pub(crate) placed_by: Option<Arc<Operator>>,
     /// Seconds by the clock that placing rows and cells took; 0 where they are read from a file.
     pub placing_seconds: f64,
 }
@@ -64,10 +68,11 @@ impl Request {
             effects,
             options,
             grid: Grid { incident_deg: Vec::new(), axis: exit_axis(geometry, width), refinements: 0 },
+            placed_by: None,
             placing_seconds: 0.0,
         };
         let started = Instant::now();
-        request.grid = Grid::of(stop, &request)?;
+        (request.grid, request.placed_by) = Grid::of(stop, &request)?;
         request.placing_seconds = started.elapsed().as_secs_f64();
         Ok(request)
     }

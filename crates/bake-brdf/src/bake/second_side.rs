@@ -1,8 +1,8 @@
 //! Light in single directions, and the second side: what [`crate::options::Sides::Both`] adds to a table, and the table of smooth interfaces.
 
 use super::Request;
-use super::assemble::{Incidence, SecondSide, Solved, push_row, solved, summary, symmetrise};
-use super::cells::CellRule;
+use super::assemble::{Incidence, SecondSide, Solved, solved, stored_row, summary, symmetrise};
+use super::cells::{CellRule, light};
 use super::halfway;
 use super::reading::Missed;
 use crate::tally::{CellShares, Cells};
@@ -10,7 +10,7 @@ use lut_io::axis::ExitAxis;
 use lut_io::both_sides::{BothSides, FromBelow, Passage, PerPassage};
 use lut_io::measure;
 use lut_io::solver::{ClosedForm, SolverSettings};
-use lut_io::table::{Lobe, SummaryErrors};
+use lut_io::table::SummaryErrors;
 use rayon::prelude::*;
 use transport::Transport;
 use transport::doubling::{ErrorEstimate, Lobe as SolvedLobe, Solution};
@@ -36,14 +36,14 @@ pub(super) fn of(
     let rows = |passage: Passage, i: usize, specular: f64| {
         let rule = CellRule::new(axis, specular);
         let side = if passage == Passage::Transmitted { solution } else { below };
-        let basis = side.basis(&rule.angles, &rule.azimuths);
+        let cells = rule.of(side);
         if passage != Passage::BelowReflected {
-            return rule.shares(&side.transmitted(i, &basis));
+            return light(&side.transmitted_shares(i, &cells));
         }
-        let mut tabulated = side.interior(i, &basis);
-        tabulated += &side.rehit(i, &basis);
+        let mut tabulated = side.interior_shares(i, &cells);
+        tabulated += &side.rehit_shares(i, &cells);
         let single = rule.single_shares(side.single_reflection(i));
-        rule.shares(&tabulated).iter().zip(single).map(|(share, single)| share + single).collect()
+        light(&tabulated).iter().zip(single).map(|(share, single)| share + single).collect()
     };
     second_side(request, transport, axis, [&solution.lobes, &below.lobes], &accuracy, &rows)
 }
@@ -127,9 +127,7 @@ fn passage_row(
     if specular == 0.0 {
         symmetrise(axis, &extents, &mut shares);
     }
-    let mut lobe = Lobe::default();
-    push_row(&mut lobe, &shares, &extents, &weights);
-    (lobe.value, width)
+    (stored_row(&shares, &extents, &weights).value, width)
 }
 
 /// Standard deviation of the signed exit angle over the cells, degrees.

@@ -88,6 +88,7 @@ impl Snapshot {
             effects: self.effects,
             options: self.options.clone(),
             grid,
+            placed_by: None,
             placing_seconds: 0.0,
         })
     }

@@ -17,16 +17,19 @@ use crate::model::limits::MAX_META_BYTES;
 use crate::model::measure;
 use crate::model::meta::{Meta, check_schema};
 use crate::model::table::{Component, Lobe, Parts, Table};
-use exr::block::UncompressedBlock;
 use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
+use exr::block::writer::ChunksWriter as _;
+use exr::block::{UncompressedBlock, enumerate_ordered_header_block_indices};
+use exr::image::write::layers::{LayersWriter as _, WritableLayers as _};
 use exr::meta::attribute::{AttributeValue, ChannelDescription, LineOrder, SampleType, Text};
 use exr::meta::{BlockDescription, MetaData};
 use exr::prelude::f16;
 use exr::prelude::{
     AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
 };
-use exr::prelude::{SmallVec, Vec2, WritableImage as _};
+use exr::prelude::{SmallVec, Vec2};
 use header::Header;
+use rayon::prelude::*;
 use std::fs;
 use std::io::{self, Read as _};
 use std::path::Path;
@@ -96,12 +99,21 @@ fn image(
         line_order: LineOrder::Increasing,
     };
     let layer = Layer::new(size, attributes, encoding, AnyChannels::sort(channels));
+    let image = Image::from_layer(layer);
+    let headers = image.layer_data.infer_headers(&image.attributes);
+    let pixels = image.layer_data.create_writer(&headers);
     let mut bytes = io::Cursor::new(Vec::new());
-    Image::from_layer(layer)
-        .write()
-        .non_parallel()
-        .to_buffered(&mut bytes)
-        .map_err(|error| FieldError::new("OpenEXR", error.to_string()))?;
+    // Blocks are compressed by the threads that called, not by a pool of the exr crate's own.
+    let written = exr::block::write(&mut bytes, headers, true, |meta_data, writer| {
+        let indices: Vec<_> = enumerate_ordered_header_block_indices(&meta_data.headers).collect();
+        let compressed = indices.into_par_iter().map(|(at, index)| {
+            let data = pixels.extract_uncompressed_block(&meta_data.headers, index);
+            Ok((at, UncompressedBlock { index, data }.compress_to_chunk(&meta_data.headers)?))
+        });
+        let compressed: Vec<(usize, Chunk)> = compressed.collect::<Result<_, exr::error::Error>>()?;
+        compressed.into_iter().try_for_each(|(at, chunk)| writer.write_chunk(at, chunk))
+    });
+    written.map_err(|error| FieldError::new("OpenEXR", error.to_string()))?;
     Ok(bytes.into_inner())
 }
 
@@ -334,8 +346,14 @@ fn decompress(header: &Header<'_>, names: &[String], blocks: &[&[u8]]) -> Result
     };
     let meta_data = MetaData { requirements, headers: SmallVec::from_elem(exr_header, 1) };
     let mut samples = vec![vec![0f32; width * height]; names.len()];
-    for (index, compressed) in blocks.iter().enumerate() {
-        let top = index * header.lines_per_block();
+    let lines = header.lines_per_block();
+    let mut places: Vec<Vec<&mut [f32]>> = Vec::new();
+    places.resize_with(blocks.len(), Vec::new);
+    for channel in &mut samples {
+        places.iter_mut().zip(channel.chunks_mut(lines * width)).for_each(|(place, part)| place.push(part));
+    }
+    let read = |(index, (compressed, place)): (usize, (&&[u8], &mut Vec<&mut [f32]>))| {
+        let top = index * lines;
         let damaged = || {
             FieldError::new(format!("image rows from {top}"), "cannot be decompressed: the file is damaged")
         };
@@ -346,8 +364,8 @@ fn decompress(header: &Header<'_>, names: &[String], blocks: &[&[u8]]) -> Result
         let chunk = Chunk { layer_index: 0, compressed_block: CompressedBlock::ScanLine(block) };
         let block = UncompressedBlock::decompress_chunk(chunk, &meta_data, true).map_err(|_| damaged())?;
         for line in block.lines(&meta_data.headers[0].channels) {
-            let start = line.location.position.y() * width;
-            let target = &mut samples[line.location.channel][start..start + width];
+            let start = (line.location.position.y() - top) * width;
+            let target = &mut place[line.location.channel][start..start + width];
             if header.sample_type == SampleType::F16 {
                 let mut halves = vec![f16::ZERO; width];
                 line.read_samples_into_slice(&mut halves).map_err(|_| damaged())?;
@@ -356,7 +374,12 @@ fn decompress(header: &Header<'_>, names: &[String], blocks: &[&[u8]]) -> Result
                 line.read_samples_into_slice(target).map_err(|_| damaged())?;
             }
         }
-    }
+        Ok(())
+    };
+    let results: Vec<Result<(), FieldError>> =
+        blocks.par_iter().zip(&mut places).enumerate().map(read).collect();
+    // The first damaged block is named, whichever was found first.
+    results.into_iter().collect::<Result<(), FieldError>>()?;
     Ok(samples)
 }
 

@@ -54,6 +54,12 @@ impl Matrix {
         self.columns
     }
 
+    /// All values, column by column.
+    #[must_use]
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
     /// The values of column j.
     ///
     /// # Panics

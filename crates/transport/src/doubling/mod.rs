@@ -22,6 +22,7 @@ mod star;
 mod surface;
 
 use std::collections::HashMap;
+use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use num_complex::Complex64;
@@ -30,7 +31,7 @@ use rayon::prelude::*;
 pub use self::matrix::Matrix;
 pub use self::settings::{Cost, DoublingError, OPERATIONS, Settings, prices};
 pub use self::smooth::smooth;
-pub use self::solution::{Basis, ErrorEstimate, FAINT, Lobe, Solution, component_scale};
+pub use self::solution::{Basis, Cells, ErrorEstimate, FAINT, Lobe, Solution, component_scale};
 pub use self::surface::{Azimuth, SingleReflection};
 
 use self::facets::{Fate, Interface};
@@ -110,54 +111,71 @@ fn solve_side(
     let incident = plan.incident(theta_i);
     // A mode's matrices go as soon as it is solved.
     let modes = 0..settings.modes_in(geometry);
-    let results = modes.into_par_iter().map(|mode| Ok(plan.mode(mode)?.solve(&incident, mode)));
+    let results = modes.into_par_iter().map(|mode| Ok(plan.mode(stop, mode)?.solve(&incident, mode)));
     let results = results.collect::<Result<_, DoublingError>>()?;
     Ok(Solution::assemble(transport, theta_i, *settings, plan.grid, &incident, results))
 }
 
 /// A stack at one resolution, solved for light from any direction above: further incidences cost a few products each.
-pub struct Operator<'s> {
-    plan: Plan<'s>,
+pub struct Operator {
+    plan: Plan,
     modes: Vec<Mode>,
 }
 
-impl<'s> Operator<'s> {
+impl fmt::Debug for Operator {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Operator").field("settings", &self.plan.settings).finish_non_exhaustive()
+    }
+}
+
+impl Operator {
     /// Solves the stack, and stops soon after `stop` is set, from anywhere; [`Settings::both_sides`] does not matter.
     ///
     /// # Errors
     /// As [`solve`]; [`DoublingError::Stopped`].
     pub fn new_unless(
-        stop: &'s AtomicBool,
+        stop: &AtomicBool,
         transport: &Transport,
         geometry: Geometry,
         settings: &Settings,
     ) -> Result<Self, DoublingError> {
         settings.check(transport, geometry, &[])?;
         let plan = Plan::new(stop, transport, geometry, settings)?;
-        let modes = (0..settings.modes_in(geometry)).into_par_iter().map(|mode| plan.mode(mode));
+        let modes = (0..settings.modes_in(geometry)).into_par_iter().map(|mode| plan.mode(stop, mode));
         let modes = modes.collect::<Result<_, _>>()?;
         Ok(Self { plan, modes })
     }
 
-    /// The lobes of some incidences, radians: to the bit what [`solve`] finds.
+    /// About what it takes of memory, bytes.
+    #[must_use]
+    pub fn bytes(&self) -> f64 {
+        let Plan { transport, settings, grid, .. } = &self.plan;
+        settings.cost(transport, grid.geometry, 0).bytes
+    }
+
+    /// Whether it is that of such a problem at such a resolution.
+    fn is_of(&self, transport: &Transport, geometry: Geometry, settings: &Settings) -> bool {
+        let Plan { transport: of, settings: at, grid, .. } = &self.plan;
+        (of, grid.geometry, at) == (transport, geometry, settings)
+    }
+
+    /// The lobes of some incidences, radians: to the bit what [`solve`] finds. Stops soon after `stop` is set, from anywhere.
     ///
     /// # Errors
     /// An incidence beyond \[0, π/2\]; [`DoublingError::Stopped`].
-    pub fn solve(&self, theta_i: &[f64]) -> Result<Solution, DoublingError> {
+    pub fn solve_unless(&self, stop: &AtomicBool, theta_i: &[f64]) -> Result<Solution, DoublingError> {
         let Plan { transport, settings, grid, .. } = &self.plan;
         settings::check_stack(transport, theta_i)?;
         let incident = self.plan.incident(theta_i);
         let modes = self.modes.par_iter().enumerate();
-        let solved = modes.map(|(k, mode)| self.plan.go_on().map(|()| mode.solve(&incident, k)));
+        let solved = modes.map(|(k, mode)| go_on(stop).map(|()| mode.solve(&incident, k)));
         let results = solved.collect::<Result<_, DoublingError>>()?;
         Ok(Solution::assemble(transport, theta_i, *settings, grid.clone(), &incident, results))
     }
 }
 
 /// What the modes of a stack are solved from.
-struct Plan<'s> {
-    /// Set from anywhere to stop at the next interface or layer.
-    stop: &'s AtomicBool,
+struct Plan {
     transport: Transport,
     settings: Settings,
     grid: Grid,
@@ -166,9 +184,14 @@ struct Plan<'s> {
     sides: HashMap<(Bits, Bits), Sides>,
 }
 
-impl<'s> Plan<'s> {
+/// Refuses to go on where the solution is not wanted any more: asked at every interface and layer.
+fn go_on(stop: &AtomicBool) -> Result<(), DoublingError> {
+    if stop.load(Ordering::Relaxed) { Err(DoublingError::Stopped) } else { Ok(()) }
+}
+
+impl Plan {
     fn new(
-        stop: &'s AtomicBool,
+        stop: &AtomicBool,
         transport: &Transport,
         geometry: Geometry,
         settings: &Settings,
@@ -189,7 +212,6 @@ impl<'s> Plan<'s> {
         }
         let elements = elements(transport);
         let mut plan = Self {
-            stop,
             transport: transport.clone(),
             settings: *settings,
             grid: Grid::new(geometry, settings.nodes),
@@ -203,7 +225,7 @@ impl<'s> Plan<'s> {
         let pairs: Vec<(Complex64, Complex64)> =
             std::iter::once(top).chain(cells.map(|e| (e.above, e.below))).collect();
         for (above, below) in pairs {
-            plan.go_on()?;
+            go_on(stop)?;
             let known = plan.sides.contains_key(&key(above, below));
             if !known && (above != below || (above, below) == top) {
                 let side = |from: Complex64, to: Complex64| {
@@ -214,11 +236,6 @@ impl<'s> Plan<'s> {
             }
         }
         Ok(plan)
-    }
-
-    /// Refuses to where the solution is not wanted any more.
-    fn go_on(&self) -> Result<(), DoublingError> {
-        if self.stop.load(Ordering::Relaxed) { Err(DoublingError::Stopped) } else { Ok(()) }
     }
 
     fn interface(&self, from: Complex64, to: Complex64) -> Interface {
@@ -234,10 +251,10 @@ impl<'s> Plan<'s> {
     }
 
     /// One mode of the whole stack.
-    fn mode(&self, mode: usize) -> Result<Mode, DoublingError> {
+    fn mode(&self, stop: &AtomicBool, mode: usize) -> Result<Mode, DoublingError> {
         let top = self.resolved(self.transport.index(0), self.transport.index(1), mode);
         let Slab { r_below, t_below, .. } = top.slab();
-        let Slab { r: body_r, t: body_t, .. } = self.body(mode)?;
+        let Slab { r: body_r, t: body_t, .. } = self.body(stop, mode)?;
         let between = Resolvent::new(r_below.times(&body_r));
         Ok(Mode { top, t_below, body_r, body_t, between })
     }
@@ -257,11 +274,11 @@ impl<'s> Plan<'s> {
     }
 
     /// The layers and interfaces below interface 0 in one mode.
-    fn body(&self, mode: usize) -> Result<Slab, DoublingError> {
+    fn body(&self, stop: &AtomicBool, mode: usize) -> Result<Slab, DoublingError> {
         let mut interfaces: HashMap<(Bits, Bits), Slab> = HashMap::new();
         let mut body: Option<Slab> = None;
         for run in self.runs.iter().rev() {
-            let top = self.run(run, mode, &mut interfaces)?;
+            let top = self.run(stop, run, mode, &mut interfaces)?;
             body = Some(match body {
                 None => top,
                 Some(lower) => top.above(&lower),
@@ -300,18 +317,19 @@ impl<'s> Plan<'s> {
 
     fn run(
         &self,
+        stop: &AtomicBool,
         run: &Run,
         mode: usize,
         known: &mut HashMap<(Bits, Bits), Slab>,
     ) -> Result<Slab, DoublingError> {
-        self.go_on()?;
+        go_on(stop)?;
         let cell = &self.elements[run.start..run.start + run.period];
         if run.period == 2 && run.count > 1 {
             return Ok(self.pairs(cell[0], cell[1], run.count, mode, known));
         }
         let mut slab = self.element(&cell[run.period - 1], mode, known);
         for element in cell[..run.period - 1].iter().rev() {
-            self.go_on()?;
+            go_on(stop)?;
             slab = self.element(element, mode, known).above(&slab);
         }
         let lossless = mode == 0 && cell.iter().all(|element| element.depth == 0.0);
@@ -398,10 +416,28 @@ pub fn solve_to(
     total_variation: f64,
     both_sides: bool,
 ) -> Result<Solution, DoublingError> {
-    solve_to_unless(&NEVER, transport, geometry, theta_i, total_variation, both_sides)
+    solve_to_unless(&NEVER, transport, geometry, theta_i, Wanted::of(total_variation), both_sides, None)
 }
 
-/// [`solve_to`], which stops soon after `stop` is set, from anywhere.
+/// A total variation that is wanted: the resolution is chosen for `aim`, and one whose estimate is within `most` will do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wanted {
+    /// What the settings are chosen for.
+    pub aim: f64,
+    /// What the estimate may come to.
+    pub most: f64,
+}
+
+impl Wanted {
+    /// The same for both.
+    #[must_use]
+    pub const fn of(total_variation: f64) -> Self {
+        Self { aim: total_variation, most: total_variation }
+    }
+}
+
+/// [`solve_to`], which stops soon after `stop` is set, from anywhere. Where the stack is `known` at the resolution that is called for,
+/// it is not solved again: the solution is the same to the bit.
 ///
 /// # Errors
 /// As [`solve_to`]; [`DoublingError::Stopped`].
@@ -410,20 +446,27 @@ pub fn solve_to_unless(
     transport: &Transport,
     geometry: Geometry,
     theta_i: &[f64],
-    total_variation: f64,
+    wanted: Wanted,
     both_sides: bool,
+    known: Option<&Operator>,
 ) -> Result<Solution, DoublingError> {
-    if !(1e-9..=0.5).contains(&total_variation) {
-        let expected = "from 1e-9 to 0.5";
-        return Err(DoublingError::Domain { field: "total_variation", value: total_variation, expected });
+    let Wanted { aim, most: total_variation } = wanted;
+    for value in [aim, total_variation] {
+        if !(1e-9..=0.5).contains(&value) {
+            let expected = "from 1e-9 to 0.5";
+            return Err(DoublingError::Domain { field: "total_variation", value, expected });
+        }
     }
-    let mut settings = Settings::for_accuracy(transport, geometry, total_variation);
+    let mut settings = Settings::for_accuracy(transport, geometry, aim);
     // Attempts that each could be paid for can be too dear together.
     let mut spent = settings.check_first_attempt(transport, geometry, theta_i)?;
     let mut coarse = solve_unless(stop, transport, geometry, theta_i, &settings.coarser())?;
     let mut reached = f64::INFINITY;
     for attempt in 1..=ATTEMPTS {
-        let mut solution = solve_unless(stop, transport, geometry, theta_i, &settings)?;
+        let mut solution = match known.filter(|known| known.is_of(transport, geometry, &settings)) {
+            Some(known) => known.solve_unless(stop, theta_i)?,
+            None => solve_unless(stop, transport, geometry, theta_i, &settings)?,
+        };
         solution.compare(&coarse);
         reached = solution.error.as_ref().map_or(reached, ErrorEstimate::worst);
         if reached <= total_variation && both_sides {
@@ -535,7 +578,7 @@ mod tests {
     /// Mode 0 of all interfaces, joined.
     fn whole_slab(transport: &Transport, geometry: Geometry, settings: &Settings) -> Slab {
         let plan = Plan::new(&NEVER, transport, geometry, settings).unwrap();
-        plan.resolved(transport.index(0), transport.index(1), 0).slab().above(&plan.body(0).unwrap())
+        plan.resolved(transport.index(0), transport.index(1), 0).slab().above(&plan.body(&NEVER, 0).unwrap())
     }
 
     #[test]
@@ -546,15 +589,23 @@ mod tests {
         let stop = AtomicBool::new(false);
         let settings = Settings { nodes: 12, modes: 4, reach: 6.0, density: 0.75, both_sides: false };
         let plan = Plan::new(&stop, &transport, Geometry::Space, &settings).unwrap();
-        assert!(plan.mode(0).is_ok());
+        assert!(plan.mode(&stop, 0).is_ok());
         stop.store(true, Ordering::Relaxed);
-        assert_eq!(plan.mode(1).err(), Some(DoublingError::Stopped));
+        assert_eq!(plan.mode(&stop, 1).err(), Some(DoublingError::Stopped));
         let operator = Operator::new_unless(&stop, &transport, Geometry::Space, &settings);
         assert_eq!(operator.err(), Some(DoublingError::Stopped));
         let again = Plan::new(&stop, &transport, Geometry::Space, &settings);
         assert_eq!(again.err(), Some(DoublingError::Stopped));
         for both_sides in [false, true] {
-            let solved = solve_to_unless(&stop, &transport, Geometry::Plane, &[0.5], 0.05, both_sides);
+            let solved = solve_to_unless(
+                &stop,
+                &transport,
+                Geometry::Plane,
+                &[0.5],
+                Wanted::of(0.05),
+                both_sides,
+                None,
+            );
             assert_eq!(solved.err(), Some(DoublingError::Stopped));
         }
     }

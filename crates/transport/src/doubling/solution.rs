@@ -118,6 +118,15 @@ pub struct Basis {
     columns: [Matrix; 2],
 }
 
+/// Cells of exit directions: turns a lobe's coefficients into integrals over them.
+#[derive(Clone, Debug)]
+pub struct Cells {
+    theta: Vec<f64>,
+    weights: Vec<f64>,
+    sectors: Vec<f64>,
+    integrals: Basis,
+}
+
 impl Solution {
     pub(super) fn assemble(
         transport: &Transport,
@@ -176,6 +185,66 @@ impl Solution {
         Basis { theta: theta.to_vec(), phi, rows, columns }
     }
 
+    /// Cells of `columns` × the sectors between these edges of φ (radians; both mirror halves count), each integrated along θ by as
+    /// many points and weights (dθ, in space with sin θ). Plane: `theta` holds the signed s, and there are no sectors.
+    #[must_use]
+    pub fn cells(&self, theta: &[f64], weights: &[f64], columns: usize, sectors: &[f64]) -> Cells {
+        let points = theta.len() / columns;
+        let rows = self.grid.cardinals(theta).map(|values| {
+            Matrix::from_fn(columns, values.columns(), |cell, j| {
+                let inside = cell * points..(cell + 1) * points;
+                weights[inside.clone()].iter().zip(&values.column(j)[inside]).map(|(w, v)| w * v).sum()
+            })
+        });
+        let count = self.settings.modes_in(self.grid.geometry);
+        let around = [0, 1].map(|parity| match self.grid.geometry {
+            Geometry::Plane => Matrix::from_fn(1, 1, |_, _| 1.0),
+            Geometry::Space => {
+                let integral = |mode: usize, phi: f64| match mode {
+                    0 => phi,
+                    _ => (mode as f64 * phi).sin() / mode as f64,
+                };
+                Matrix::from_fn((count + 1 - parity) / 2, sectors.len().saturating_sub(1), |k, f| {
+                    let mode = 2 * k + parity;
+                    2.0 * (integral(mode, sectors[f + 1]) - integral(mode, sectors[f]))
+                })
+            }
+        });
+        Cells {
+            theta: theta.to_vec(),
+            weights: weights.to_vec(),
+            sectors: sectors.to_vec(),
+            integrals: Basis { theta: Vec::new(), phi: Vec::new(), rows, columns: around },
+        }
+    }
+
+    /// Share of the incident light that entered the stack and leaves through each cell: rows along θ, columns along φ. Truncation
+    /// may leave it slightly negative where it is ≈ 0.
+    #[must_use]
+    pub fn interior_shares(&self, incidence: usize, cells: &Cells) -> Matrix {
+        evaluate(&self.interior[incidence], &cells.integrals)
+    }
+
+    /// Share that is transmitted through each cell of directions in the substrate.
+    #[must_use]
+    pub fn transmitted_shares(&self, incidence: usize, cells: &Cells) -> Matrix {
+        evaluate(&self.transmitted[incidence], &cells.integrals)
+    }
+
+    /// Share that met interface 0 more than once and never entered.
+    #[must_use]
+    pub fn rehit_shares(&self, incidence: usize, cells: &Cells) -> Matrix {
+        let Cells { theta, weights, sectors, integrals } = cells;
+        if self.grid.geometry == Geometry::Plane {
+            return evaluate(&self.rehit[incidence], integrals);
+        }
+        let columns = integrals.rows[0].rows();
+        match self.rehit_lobe(incidence) {
+            Some(lobe) => lobe.shares(theta, weights, columns, sectors),
+            None => Matrix::zeros(columns, sectors.len().saturating_sub(1)),
+        }
+    }
+
     /// Density of the interior (what entered the stack and came back) of one incidence: rows θ, columns φ. Plane: per
     /// radian of s; space: f·cos θo, 1/sr. Truncation may leave it slightly negative where it is ≈ 0.
     #[must_use]
@@ -195,14 +264,18 @@ impl Solution {
         if self.grid.geometry == Geometry::Plane {
             return evaluate(&self.rehit[incidence], basis);
         }
-        let lobe = self.rehit_lobes[incidence].get_or_init(|| {
-            let Lobe { theta_i, rehit, .. } = self.lobes[incidence];
-            RehitLobe::new(&self.transport, &self.single[incidence], theta_i, rehit)
-        });
-        match lobe {
+        match self.rehit_lobe(incidence) {
             Some(lobe) => lobe.values(&basis.theta, &basis.phi),
             None => Matrix::zeros(basis.theta.len(), basis.phi.len()),
         }
+    }
+
+    fn rehit_lobe(&self, incidence: usize) -> Option<&RehitLobe> {
+        let lobe = self.rehit_lobes[incidence].get_or_init(|| {
+            let Lobe { theta_i, rehit, .. } = self.lobes[incidence];
+            RehitLobe::new(&self.transport, &self.single[incidence], theta_i, rehit, self.settings.reach)
+        });
+        lobe.as_ref()
     }
 
     /// Density of what interface 0 reflected at its first facet: the closed form.

@@ -127,6 +127,12 @@ impl SingleReflection {
         self.facets.slope_sd * (self.cosine + cosine) / (self.sine * sine).sqrt().max(f64::MIN_POSITIVE)
     }
 
+    /// The slope, in standard deviations, of the flattest facet that reflects to an exit (sin θo, cos θo), at any φ (space).
+    #[must_use]
+    pub fn slope(&self, (sine, cosine): (f64, f64)) -> f64 {
+        (sine - self.sine).abs() / ((cosine + self.cosine).max(f64::MIN_POSITIVE) * self.facets.slope_sd)
+    }
+
     /// f·cos θo at the exit direction (θo, φ), 1/sr (space).
     #[must_use]
     pub fn space(&self, theta_o: f64, phi: f64) -> f64 {
