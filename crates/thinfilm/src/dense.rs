@@ -12,6 +12,7 @@ mod lanes;
 mod levels;
 
 use std::borrow::Cow;
+use std::sync::OnceLock;
 
 use num_complex::Complex64;
 use rayon::prelude::*;
@@ -21,7 +22,8 @@ use crate::wave::{
     InPlaneWave, Incidence, Polarisation, PowerBalance, WaveError, half_turns_per_metre, sqrt_upper,
 };
 use kernel::{
-    ComplexMedium, ComplexTile, DenseLayer, Interface, Kinds, LosslessMedium, LosslessTile, TileResult, Turn,
+    ComplexMedium, ComplexTile, DenseLayer, Interface, Kinds, LosslessMedium, LosslessTile, Passage,
+    TileResult, Turn,
 };
 use lanes::{LANES, Lanes};
 use levels::Level;
@@ -170,6 +172,8 @@ struct Solver<'a> {
     /// From the substrate up.
     layers: Vec<DenseLayer>,
     kinds: Option<Kinds>,
+    /// Of all layers of each material, metres.
+    thickness: Vec<f64>,
     interface_pairs: Vec<(usize, usize)>,
     interface_of: Vec<usize>,
     reference: usize,
@@ -256,6 +260,10 @@ impl<'a> Solver<'a> {
             .collect();
         let is_dispersionless = indices.windows(2).all(|pair| pair[0] == pair[1]);
         let count_of = |medium: usize| layers.iter().filter(|layer| layer.medium == medium).count();
+        let thickness_of = |medium: usize| {
+            layers.iter().filter(|layer| layer.medium == medium).map(|layer| layer.thickness).sum()
+        };
+        let thickness = (0..materials).map(thickness_of).collect();
         let reference = (0..materials).max_by_key(|&m| count_of(m)).unwrap_or(0);
         Ok(Self {
             stack,
@@ -263,6 +271,7 @@ impl<'a> Solver<'a> {
             k0: wavelengths.iter().map(|w| std::f64::consts::TAU / w).collect(),
             indices,
             kinds: Kinds::of(&layers),
+            thickness,
             layers,
             interface_pairs,
             interface_of,
@@ -343,18 +352,18 @@ impl<'a> Solver<'a> {
         let last = first + cut.len();
         let lanes = TileLanes::new(self, angles, waves, first, last)?;
         let is_lossless = lanes.is_lossless();
-        let mut result = if is_lossless { lanes.lossless(scratch) } else { lanes.complex() };
+        let mut result = if is_lossless { lanes.lossless(scratch) } else { lanes.complex(scratch) };
         let mut robust = 0;
         for lane in 0..last - first {
             let known = lanes.is_suitable(lane, is_lossless);
             // Stored energy is the first to leave the range of f64.
             let is_finite = |pol: usize| self.sources.is_none() || result.emission[pol].0[lane].is_finite();
             let is_fast = |pol: usize| known && is_finite(pol) && result.error[pol].0[lane] <= self.tolerance;
-            let slow: Vec<Polarisation> =
-                Polarisation::BOTH.into_iter().filter(|pol| !is_fast(*pol as usize)).collect();
-            if slow.is_empty() {
+            if is_fast(0) && is_fast(1) {
                 continue;
             }
+            let slow: Vec<Polarisation> =
+                Polarisation::BOTH.into_iter().filter(|pol| !is_fast(*pol as usize)).collect();
             robust += 1;
             let (angle, wavelength) =
                 ((first + lane) / self.wavelengths.len(), (first + lane) % self.wavelengths.len());
@@ -433,8 +442,11 @@ impl<'a> Cut<'a> {
 /// Memory that a thread uses for tile after tile.
 #[derive(Default)]
 struct Scratch {
-    media: Vec<LosslessMedium>,
+    lossless_media: Vec<LosslessMedium>,
     turns: Vec<Turn>,
+    complex_media: Vec<ComplexMedium>,
+    interfaces: Vec<Interface>,
+    passages: Vec<Passage>,
 }
 
 /// One (angle, wavelength) pair in every medium.
@@ -448,6 +460,21 @@ struct LaneWave {
     eps: Vec<Complex64>,
     /// kₓ/k₀.
     kx: f64,
+    /// Computed where amplitudes are asked for.
+    faces: OnceLock<Faces>,
+}
+
+/// What amplitudes need of a wave besides its phases; [s, p].
+#[derive(Clone)]
+struct Faces {
+    /// At each interface ρ = (q_upper − q_lower)/(q_upper + q_lower) and 1/|τ|, τ = 2 q_upper/(q_upper + q_lower).
+    interfaces: Vec<[(Complex64, f64); 2]>,
+    /// |q_0| over the largest |q| of a layer.
+    inverse_contrast: [f64; 2],
+    /// Re q_sub/Re q_0.
+    flux: [f64; 2],
+    /// Amplitudes are no basis where kz nearly vanishes in a layer: there the two waves are one.
+    is_critical: bool,
 }
 
 impl LaneWave {
@@ -456,7 +483,35 @@ impl LaneWave {
         let media = || indices.materials.iter().chain([&indices.ambient, &indices.substrate]);
         let kz: Vec<Complex64> = media().map(|&index| sqrt_upper(wave.kz2(index))).collect();
         let eps: Vec<Complex64> = media().map(|index| index * index).collect();
-        Ok(Self { q_p: kz.iter().zip(&eps).map(|(kz, eps)| kz / eps).collect(), kz, eps, kx: wave.kx })
+        let q_p = kz.iter().zip(&eps).map(|(kz, eps)| kz / eps).collect();
+        Ok(Self { q_p, kz, eps, kx: wave.kx, faces: OnceLock::new() })
+    }
+
+    /// At the interfaces of the pairs of media.
+    fn faces(&self, pairs: &[(usize, usize)]) -> &Faces {
+        self.faces.get_or_init(|| {
+            let materials = self.kz.len() - 2;
+            let (ambient, substrate) = (ambient_number(materials), substrate_number(materials));
+            let face = |upper: usize, lower: usize, pol| {
+                let (a, b) = (self.admittance(upper, pol), self.admittance(lower, pol));
+                ((a - b) / (a + b), ((a + b) / (2.0 * a)).norm())
+            };
+            let inverse_contrast = |pol| {
+                let largest = (0..materials).map(|m| self.admittance(m, pol).norm()).fold(0.0, f64::max);
+                self.admittance(ambient, pol).norm() / largest
+            };
+            let flux = |pol| self.admittance(substrate, pol).re / self.admittance(ambient, pol).re;
+            let mut layers = self.kz.iter().zip(&self.eps).take(materials);
+            Faces {
+                is_critical: layers.any(|(kz, eps)| kz.norm_sqr() < 1e-2 * eps.norm()),
+                interfaces: pairs
+                    .iter()
+                    .map(|&(upper, lower)| Polarisation::BOTH.map(|pol| face(upper, lower, pol)))
+                    .collect(),
+                inverse_contrast: Polarisation::BOTH.map(inverse_contrast),
+                flux: Polarisation::BOTH.map(flux),
+            }
+        })
     }
 
     fn admittance(&self, medium: usize, polarisation: Polarisation) -> Complex64 {
@@ -469,12 +524,6 @@ impl LaneWave {
     /// Whether cos² of the angle of incidence is larger than `cos2`: q of the ambient vanishes at 90°.
     fn is_steeper(&self, cos2: f64) -> bool {
         self.kz[self.kz.len() - 2].norm_sqr() > cos2 * self.eps[self.eps.len() - 2].norm()
-    }
-
-    /// Amplitudes are no basis where kz nearly vanishes: there the two waves are one.
-    fn is_critical(&self, materials: usize) -> bool {
-        let media = self.kz.iter().zip(&self.eps).take(materials);
-        media.fold(false, |any, (kz, eps)| any | (kz.norm_sqr() < 1e-2 * eps.norm()))
     }
 }
 
@@ -567,26 +616,28 @@ impl<'a> TileLanes<'a> {
         let materials = self.solver.stack.materials.len();
         let reference = self.solver.reference;
         let q_reference = Polarisation::BOTH.map(|pol| self.real(reference, pol));
-        scratch.media.clear();
-        scratch.media.extend((0..materials).map(|m| self.lossless_medium(m)));
+        scratch.lossless_media.clear();
+        scratch.lossless_media.extend((0..materials).map(|m| self.lossless_medium(m)));
         let (ambient, substrate) = (ambient_number(materials), substrate_number(materials));
         let q_substrate = Polarisation::BOTH
             .map(|pol| [self.real(substrate, pol), self.gather(|wave| wave.admittance(substrate, pol).im)]);
         let tile = LosslessTile {
-            media: &scratch.media,
+            media: &scratch.lossless_media,
             reference,
             layers: &self.solver.layers,
-            kinds: self.solver.kinds.as_ref(),
             q_reference,
             q_ambient: Polarisation::BOTH.map(|pol| self.real(ambient, pol)),
             q_substrate,
         };
-        let emission = self.solver.sources.is_some();
-        let mut result = kernel::lossless(self.solver.level, &tile, emission, &mut scratch.turns);
-        // |E| = 1 means |H| = |N₀| for p.
-        if emission {
-            result.emission[1] = result.emission[1] * self.gather(|wave| wave.eps[ambient].norm());
+        if self.solver.sources.is_none() {
+            return match &self.solver.kinds {
+                Some(kinds) => kernel::lossless_by_kind(self.solver.level, &tile, kinds, &mut scratch.turns),
+                None => kernel::lossless(self.solver.level, &tile),
+            };
         }
+        let mut result = kernel::lossless_emitting(self.solver.level, &tile);
+        // |E| = 1 means |H| = |N₀| for p.
+        result.emission[1] = result.emission[1] * self.gather(|wave| wave.eps[ambient].norm());
         result
     }
 
@@ -623,48 +674,28 @@ impl<'a> TileLanes<'a> {
         ([Lanes::splat(0.5), n2.map(|n2| 0.5 / n2)], [-(face * up[0]), face * up[1] * bias])
     }
 
-    fn complex(&self) -> TileResult {
-        let nothing = [Lanes::splat(0.0); 2];
-        let error = [Lanes::splat(f64::NAN); 2];
+    fn complex(&self, scratch: &mut Scratch) -> TileResult {
         if !(self.solver.is_fast() && self.suitable.iter().any(|[_, amplitudes]| *amplitudes)) {
-            return TileResult { reflectance: nothing, transmittance: nothing, error, emission: nothing };
+            return TileResult::UNKNOWN;
         }
         let materials = self.solver.stack.materials.len();
-        let media: Vec<ComplexMedium> = (0..materials)
-            .map(|medium| ComplexMedium {
-                turns: self.k0.zip(self.gather(|wave| wave.kz[medium].re), half_turns_per_metre),
-                decay: (self.k0 * self.gather(|wave| wave.kz[medium].im))
-                    .scale(2.0 * std::f64::consts::LOG2_E),
-                // E of a p wave from its H: along the layers kz/N², across them kₓ/N².
-                alone: [
-                    Lanes::splat(1.0),
-                    self.gather(|wave| wave.q_p[medium].norm_sqr() + (wave.kx / wave.eps[medium]).norm_sqr()),
-                ],
-                together: [
-                    Lanes::splat(1.0),
-                    self.gather(|wave| (wave.kx / wave.eps[medium]).norm_sqr() - wave.q_p[medium].norm_sqr()),
-                ],
-            })
-            .collect();
-        let interfaces: Vec<Interface> =
-            self.solver.interface_pairs.iter().map(|&(upper, lower)| self.interface(upper, lower)).collect();
-        let (ambient, substrate) = (ambient_number(materials), substrate_number(materials));
-        let flux =
-            |pol| self.gather(|wave| wave.admittance(substrate, pol).re / wave.admittance(ambient, pol).re);
-        let inverse_contrast = |pol| {
-            self.gather(|wave| {
-                let largest = (0..materials).map(|m| wave.admittance(m, pol).norm()).fold(0.0, f64::max);
-                wave.admittance(ambient, pol).norm() / largest
-            })
+        let ambient = ambient_number(materials);
+        let Scratch { complex_media: media, interfaces, passages, .. } = scratch;
+        media.clear();
+        media.extend((0..materials).map(|medium| self.complex_medium(medium)));
+        interfaces.clear();
+        interfaces.extend((0..self.solver.interface_pairs.len()).map(|at| self.interface(at)));
+        let of_faces = |value: fn(&Faces) -> [f64; 2]| {
+            [0, 1].map(|pol| self.gather(|wave| value(self.faces(wave))[pol]))
         };
         let tile = ComplexTile {
-            inverse_contrast: Polarisation::BOTH.map(inverse_contrast),
-            media: &media,
+            inverse_contrast: of_faces(|faces| faces.inverse_contrast),
+            media,
             layers: &self.solver.layers,
             kinds: self.solver.kinds.as_ref(),
             interface_of: &self.solver.interface_of,
-            interfaces: &interfaces,
-            flux: Polarisation::BOTH.map(flux),
+            interfaces,
+            flux: of_faces(|faces| faces.flux),
         };
         let mut result = if self.solver.sources.is_some() {
             let mut result = kernel::complex_emitting(self.solver.level, &tile);
@@ -672,10 +703,10 @@ impl<'a> TileLanes<'a> {
             result.emission[1] = result.emission[1] * self.gather(|wave| wave.eps[ambient].norm());
             result
         } else {
-            kernel::complex(self.solver.level, &tile)
+            kernel::complex(self.solver.level, &tile, passages)
         };
-        let critical = |at: usize| self.distinct[at].is_critical(materials);
-        for lane in (0..LANES).filter(|&lane| critical(self.of_lane[lane])) {
+        let is_critical = |lane: &usize| self.faces(&self.distinct[self.of_lane[*lane]]).is_critical;
+        for lane in (0..LANES).filter(is_critical) {
             for error in &mut result.error {
                 error.0[lane] = f64::NAN;
             }
@@ -683,21 +714,37 @@ impl<'a> TileLanes<'a> {
         result
     }
 
-    fn interface(&self, upper: usize, lower: usize) -> Interface {
-        let of = |pol: Polarisation| {
-            let pair = |wave: &LaneWave| (wave.admittance(upper, pol), wave.admittance(lower, pol));
-            let rho = |wave: &LaneWave| {
-                let (a, b) = pair(wave);
-                (a - b) / (a + b)
-            };
-            let inverse_tau = |wave: &LaneWave| {
-                let (a, b) = pair(wave);
-                ((a + b) / (2.0 * a)).norm()
-            };
-            ([self.gather(|wave| rho(wave).re), self.gather(|wave| rho(wave).im)], self.gather(inverse_tau))
+    fn complex_medium(&self, medium: usize) -> ComplexMedium {
+        let kz = self.gather(|wave| wave.kz[medium].re);
+        let decay = (self.k0 * self.gather(|wave| wave.kz[medium].im)).scale(2.0 * std::f64::consts::LOG2_E);
+        let (mut alone, mut together) = ([Lanes::splat(1.0); 2], [Lanes::splat(1.0); 2]);
+        if self.solver.sources.is_some() {
+            // E of a p wave from its H: along the layers kz/N², across them kₓ/N².
+            let along = self.gather(|wave| wave.q_p[medium].norm_sqr());
+            let across = self.gather(|wave| (wave.kx / wave.eps[medium]).norm_sqr());
+            (alone[1], together[1]) = (along + across, across - along);
+        }
+        ComplexMedium {
+            quarter_turns: self.k0.zip(kz, half_turns_per_metre).scale(4.0),
+            decay,
+            most_decay: decay.0.into_iter().fold(0.0, f64::max),
+            thickness: self.solver.thickness[medium],
+            alone,
+            together,
+        }
+    }
+
+    fn faces<'w>(&self, wave: &'w LaneWave) -> &'w Faces {
+        wave.faces(&self.solver.interface_pairs)
+    }
+
+    fn interface(&self, at: usize) -> Interface {
+        let rho = |pol: usize| {
+            let re = self.gather(|wave| self.faces(wave).interfaces[at][pol].0.re);
+            [re, self.gather(|wave| self.faces(wave).interfaces[at][pol].0.im)]
         };
-        let [(rho_s, tau_s), (rho_p, tau_p)] = Polarisation::BOTH.map(of);
-        Interface { rho: [rho_s, rho_p], inverse_tau: [tau_s, tau_p] }
+        let inverse_tau = |pol: usize| self.gather(|wave| self.faces(wave).interfaces[at][pol].1);
+        Interface { rho: [0, 1].map(rho), inverse_tau: [0, 1].map(inverse_tau) }
     }
 }
 
@@ -805,7 +852,7 @@ mod tests {
             let is_lossless = lanes.is_lossless();
             let passed = |lanes: &TileLanes| match is_lossless {
                 true => lanes.lossless(&mut Scratch::default()),
-                false => lanes.complex(),
+                false => lanes.complex(&mut Scratch::default()),
             };
             let (result, emitting) = (passed(&lanes), passed(&of_tile(&with)));
             let suitable = |at: &usize| lanes.is_suitable(*at, is_lossless);

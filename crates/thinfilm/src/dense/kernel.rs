@@ -1,12 +1,17 @@
 //! The two inner loops: layers without loss as real rotations, all others as complex amplitudes.
 //!
+//! As many lanes of a tile go through all layers together as leave room in the registers for the state of both waves: a tile of AVX-512 in two
+//! parts, of AVX2 in four. The phase of a layer is computed where it is used, because on some processors storing vectors costs as much
+//! as computing with them.
+//!
 //! No adaptors and closures round the arithmetic of lanes: those are not sure to be inlined into the function that is compiled for the
 //! processor's instruction set, and then every `mul_add` is a call.
 
 use super::lanes::{
-    FEW_HALF_TURNS, LANES, Lanes, cos_sin_turns, exp2_neg, shears_of_few_half_turns, shears_of_half_turns,
+    FEW_HALF_TURNS, LANES, LITTLE_DECAY, Lanes, cos_sin_quarter_turns, exp2_neg, exp2_neg_of_little,
+    sin_cos_of_few_half_turns, sin_cos_of_half_turns,
 };
-use super::levels::{Level, at_each_level};
+use super::levels::at_each_level;
 
 /// A layer of a stack, as the loops read it.
 #[derive(Clone, Copy, Debug)]
@@ -30,7 +35,7 @@ pub(super) struct Kinds {
     pub(super) of_layer: Vec<u32>,
 }
 
-/// Kinds whose matrices (640 bytes each) stay in the first-level cache.
+/// Kinds whose shears (512 bytes each) stay in the first-level cache.
 const MOST_KINDS: usize = 24;
 
 impl Kinds {
@@ -81,8 +86,6 @@ pub(super) struct LosslessTile<'a> {
     pub(super) reference: usize,
     /// From the substrate up.
     pub(super) layers: &'a [DenseLayer],
-    /// The same by kind, where they are of few.
-    pub(super) kinds: Option<&'a Kinds>,
     /// q_ref, [s, p].
     pub(super) q_reference: [Lanes; 2],
     /// q of the ambient (real), [s, p].
@@ -102,6 +105,16 @@ pub(super) struct TileResult {
     pub(super) emission: [Lanes; 2],
 }
 
+impl TileResult {
+    /// Of a tile that no loop takes.
+    pub(super) const UNKNOWN: Self = Self {
+        reflectance: [Lanes::splat(0.0); 2],
+        transmittance: [Lanes::splat(0.0); 2],
+        error: [Lanes::splat(f64::NAN); 2],
+        emission: [Lanes::splat(0.0); 2],
+    };
+}
+
 /// A field is scaled down from here on: a layer cannot make it grow by more than the ratio of two indices
 /// squared, so that between two looks it stays far from the end of f64.
 const RESCALE_ABOVE: f64 = 1.267_650_600_228_229_4e30; // 2^100
@@ -114,11 +127,8 @@ const AMPLITUDE_ROUNDING: f64 = 5.551_115_123_125_783e-17; // 2^-54
 /// Most layers between two looks at the energy.
 const BLOCK: usize = 16;
 
-/// The order of layers that are not counted by kind.
-const ONE_BY_ONE: [u32; BLOCK] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
-
 #[inline(always)]
-fn square([re, im]: [Lanes; 2]) -> Lanes {
+fn square<const W: usize>([re, im]: [Lanes<W>; 2]) -> Lanes<W> {
     re.fma(re, im * im)
 }
 
@@ -136,22 +146,22 @@ const fn look_every(layers: usize) -> usize {
 
 /// What is remembered of the faces passed.
 #[derive(Clone, Copy)]
-struct Memory {
+struct Memory<const W: usize> {
     /// Power of two taken out so far.
-    exponent: Lanes,
+    exponent: Lanes<W>,
     /// Largest energy met, on the scale of the present one.
-    most: Lanes,
+    most: Lanes<W>,
 }
 
-impl Memory {
+impl<const W: usize> Memory<W> {
     #[inline(always)]
-    fn of(energy: Lanes) -> Self {
+    fn of(energy: Lanes<W>) -> Self {
         Self { exponent: Lanes::splat(0.0), most: energy }
     }
 
     /// Notes the energy at a face; where it has grown, returns the power of two by which the field is to be multiplied.
     #[inline(always)]
-    fn look(&mut self, energy: Lanes) -> Option<Lanes> {
+    fn look(&mut self, energy: Lanes<W>) -> Option<Lanes<W>> {
         self.most = self.most.max(energy);
         if !energy.any_above(RESCALE_ABOVE) {
             return None;
@@ -165,7 +175,7 @@ impl Memory {
     /// r answers to a layer's phase as the power stored there to the power that comes in: a resonance magnifies the
     /// rounding made inside it.
     #[inline(always)]
-    fn magnified_rounding(&self, per_layer: f64, layers: usize, incident: Lanes) -> Lanes {
+    fn magnified_rounding(&self, per_layer: f64, layers: usize, incident: Lanes<W>) -> Lanes<W> {
         // Equal layers round alike, so their errors add up as N, not as √N.
         let rounding = per_layer * layers as f64;
         self.most.scale(rounding) / incident
@@ -177,59 +187,68 @@ impl Memory {
 /// A rotation is three shears, b += τc, c −= sb, b += τc with τ = tan δ/2 and s = sin δ, and the last of a layer and the first of the
 /// next are one. So a layer costs half the operations of its matrix, and its determinant is exactly 1.
 #[derive(Clone, Copy)]
-struct Rotor {
-    b: [Lanes; 2],
-    c: [Lanes; 2],
-    emission: Lanes,
+struct Rotor<const W: usize> {
+    b: [Lanes<W>; 2],
+    c: [Lanes<W>; 2],
+    emission: Lanes<W>,
 }
 
 // By value throughout: the state must stay in registers.
-impl Rotor {
+impl<const W: usize> Rotor<W> {
     #[inline(always)]
-    fn on_substrate(tile: &LosslessTile, pol: usize) -> Self {
-        let [re, im] = tile.q_substrate[pol];
-        let inverse = Lanes::splat(1.0) / tile.q_reference[pol];
+    fn on_substrate(tile: &LosslessTile, first: usize, pol: usize) -> Self {
+        let [re, im] = &tile.q_substrate[pol];
+        let inverse = Lanes::splat(1.0) / tile.q_reference[pol].part(first);
         Self {
             b: [Lanes::splat(1.0), Lanes::splat(0.0)],
-            c: [im * inverse, -(re * inverse)],
+            c: [im.part(first) * inverse, -(re.part(first) * inverse)],
             emission: Lanes::splat(0.0),
         }
     }
 
     #[inline(always)]
-    fn shear_b(self, by: Lanes) -> Self {
+    fn shear_b(self, by: Lanes<W>) -> Self {
         let Self { b, c, .. } = self;
         Self { b: [by.fma(c[0], b[0]), by.fma(c[1], b[1])], ..self }
     }
 
     #[inline(always)]
-    fn shear_c(self, by: Lanes) -> Self {
+    fn shear_c(self, by: Lanes<W>) -> Self {
         let Self { b, c, .. } = self;
         Self { c: [by.fma(b[0], c[0]), by.fma(b[1], c[1])], ..self }
     }
 
     #[inline(always)]
-    fn standing(&self) -> Lanes {
+    fn standing(&self) -> Lanes<W> {
         self.b[0].fma(self.c[0], self.b[1] * self.c[1])
     }
 
     /// Adds s ∫|E|² of a layer, given its standing wave at the lower face.
     #[inline(always)]
-    fn emit(self, layer: &DenseLayer, ratio: Lanes, mean: Lanes, face: Lanes, below: Lanes) -> Self {
+    fn emit(
+        self,
+        layer: &DenseLayer,
+        medium: &LosslessMedium,
+        first: usize,
+        pol: usize,
+        below: Lanes<W>,
+    ) -> Self {
+        let ratio: Lanes<W> = medium.up[pol].part(first);
         let b2 = self.b[0].fma(self.b[0], self.b[1] * self.b[1]);
         let c2 = self.c[0].fma(self.c[0], self.c[1] * self.c[1]);
         let energy = (ratio * ratio).fma(c2, b2).scale(layer.thickness);
-        let integral = mean.fma(energy, face * (self.standing() - below));
+        let face = medium.face[pol].part(first);
+        let integral = medium.mean[pol].part(first).fma(energy, face * (self.standing() - below));
         Self { emission: self.emission + integral.scale(layer.source), ..self }
     }
 
     #[inline(always)]
-    fn energy(&self) -> Lanes {
+    fn energy(&self) -> Lanes<W> {
         square(self.b) + square(self.c)
     }
 
     #[inline(always)]
-    fn scaled(self, factor: Lanes) -> Self {
+    fn scaled(self, factor: Lanes<W>) -> Self {
         Self {
             b: [self.b[0] * factor, self.b[1] * factor],
             c: [self.c[0] * factor, self.c[1] * factor],
@@ -239,68 +258,113 @@ impl Rotor {
 }
 
 /// What goes up through a lossless stack; [s, p].
-struct LosslessWave {
-    rotors: [Rotor; 2],
-    memories: [Memory; 2],
+struct LosslessWave<const W: usize> {
+    rotors: [Rotor<W>; 2],
+    memories: [Memory<W>; 2],
 }
 
-/// Phases, rotations and ends are compiled apart: the polynomials' coefficients and the state of the waves do not fit into the registers
-/// together, and what is spilled then is the state.
-pub(super) fn lossless(
-    level: Level,
+at_each_level! {
+    /// Through a lossless stack, layer by layer.
+    pub(super) fn lossless(tile: &LosslessTile) -> TileResult = through_clear_stack[8, 4, 2]
+}
+at_each_level! {
+    /// The same by kind. In AVX-512 one half of a tile does not keep the processor busy.
+    pub(super) fn lossless_by_kind(tile: &LosslessTile, kinds: &Kinds, turns: &mut Vec<Turn>) -> TileResult
+        = through_clear_kinds[16, 4, 2]
+}
+at_each_level! {
+    /// Through a lossless stack with sources.
+    pub(super) fn lossless_emitting(tile: &LosslessTile) -> TileResult = through_emitting_clear_stack[8, 4, 2]
+}
+
+#[inline(always)]
+fn through_clear_stack<const W: usize>(tile: &LosslessTile) -> TileResult {
+    rotate::<W, false>(tile)
+}
+
+#[inline(always)]
+fn through_emitting_clear_stack<const W: usize>(tile: &LosslessTile) -> TileResult {
+    rotate::<W, true>(tile)
+}
+
+#[inline(always)]
+fn rotate<const W: usize, const EMITS: bool>(tile: &LosslessTile) -> TileResult {
+    let mut result = TileResult::UNKNOWN;
+    for first in (0..LANES).step_by(W) {
+        let mut wave = LosslessWave::<W>::on_substrate(tile, first);
+        wave.turn::<EMITS>(tile, first);
+        finish_lossless(tile, first, &wave, &mut result);
+    }
+    result
+}
+
+#[inline(always)]
+fn through_clear_kinds<const W: usize>(
     tile: &LosslessTile,
-    emission: bool,
+    kinds: &Kinds,
     turns: &mut Vec<Turn>,
 ) -> TileResult {
-    let mut wave = lossless_start(level, tile);
-    let look_every = look_every(tile.layers.len());
-    match tile.kinds {
-        Some(kinds) => {
-            turns.resize(kinds.layers.len(), Turn::NONE);
-            turns_of(level, tile, &kinds.layers, turns);
-            if emission {
-                turned_emitting(level, tile, tile.layers, turns, &kinds.of_layer, look_every, &mut wave);
-            } else {
-                turned(level, turns, &kinds.of_layer, look_every, &mut wave);
-            }
+    let mut result = TileResult::UNKNOWN;
+    turns.resize(kinds.layers.len(), Turn::NONE);
+    for first in (0..LANES).step_by(W) {
+        let mut wave = LosslessWave::<W>::on_substrate(tile, first);
+        for (layer, turn) in kinds.layers.iter().zip(turns.iter_mut()) {
+            let sines = Sines::<W>::new(tile, layer, first);
+            turn.set_part(first, sines.turn(tile, layer.medium, first));
         }
-        None => {
-            turns.resize(BLOCK, Turn::NONE);
-            for block in tile.layers.chunks(look_every) {
-                turns_of(level, tile, block, turns);
-                let order = &ONE_BY_ONE[..block.len()];
-                if emission {
-                    turned_emitting(level, tile, block, turns, order, look_every, &mut wave);
-                } else {
-                    turned(level, turns, order, look_every, &mut wave);
-                }
-            }
-        }
+        wave.turn_by_kind(turns, kinds, first);
+        finish_lossless(tile, first, &wave, &mut result);
     }
-    lossless_end(level, tile, &wave)
+    result
 }
 
-at_each_level! { fn lossless_start(tile: &LosslessTile) -> LosslessWave = LosslessWave::on_substrate }
-at_each_level! { fn lossless_end(tile: &LosslessTile, wave: &LosslessWave) -> TileResult = finish_lossless }
-at_each_level! {
-    /// The shears of layers.
-    fn turns_of(tile: &LosslessTile, layers: &[DenseLayer], turns: &mut [Turn]) -> () = Turn::of_each
-}
-at_each_level! {
-    /// Through layers in an order of their turns, with a look at the energy every so many.
-    fn turned(turns: &[Turn], order: &[u32], look_every: usize, wave: &mut LosslessWave) -> () = LosslessWave::turn
-}
-at_each_level! {
-    /// As `turned`, through layers with sources.
-    fn turned_emitting(
-        tile: &LosslessTile, layers: &[DenseLayer], turns: &[Turn], order: &[u32], look_every: usize, wave: &mut LosslessWave
-    ) -> () = LosslessWave::turn_emitting
+/// The shears of layer after layer from the substrate up, computed two layers ahead of their use: what is needed now never waits for what
+/// is computed now.
+struct Turns<'a, const W: usize> {
+    tile: &'a LosslessTile<'a>,
+    first: usize,
+    /// Of the next layer.
+    turn: Turn<W>,
+    /// Of the one after it.
+    sines: Sines<W>,
+    /// That one.
+    layer: &'a DenseLayer,
+    /// The layers above it.
+    above: std::slice::Iter<'a, DenseLayer>,
 }
 
-impl LosslessWave {
+impl<'a, const W: usize> Turns<'a, W> {
     #[inline(always)]
-    fn on_substrate(tile: &LosslessTile) -> Self {
-        let (s, p) = (Rotor::on_substrate(tile, 0), Rotor::on_substrate(tile, 1));
+    fn new(
+        tile: &'a LosslessTile,
+        lowest: &'a DenseLayer,
+        above: std::slice::Iter<'a, DenseLayer>,
+        first: usize,
+    ) -> Self {
+        let sines = Sines::new(tile, lowest, first);
+        let mut turns = Self { tile, first, turn: Turn::NONE, sines, layer: lowest, above };
+        turns.next();
+        turns
+    }
+
+    #[inline(always)]
+    fn next(&mut self) -> Turn<W> {
+        let turn = self.turn;
+        self.turn = self.sines.turn(self.tile, self.layer.medium, self.first);
+        // Beyond the last layer it is the last one's again, and not used.
+        self.layer = self.above.next().unwrap_or(self.layer);
+        self.sines = Sines::new(self.tile, self.layer, self.first);
+        turn
+    }
+}
+
+impl<const W: usize> LosslessWave<W> {
+    /// AVX2 has too few registers for what is computed ahead.
+    const LOOKS_AHEAD: bool = W >= 8;
+
+    #[inline(always)]
+    fn on_substrate(tile: &LosslessTile, first: usize) -> Self {
+        let (s, p) = (Rotor::on_substrate(tile, first, 0), Rotor::on_substrate(tile, first, 1));
         Self { rotors: [s, p], memories: [Memory::of(s.energy()), Memory::of(p.energy())] }
     }
 
@@ -313,97 +377,131 @@ impl LosslessWave {
         }
     }
 
-    /// The shears between layers are joined.
+    /// Through all layers, by kind. The shears between layers are joined.
     #[inline(always)]
-    fn turn(turns: &[Turn], order: &[u32], look_every: usize, wave: &mut Self) {
-        for block in order.chunks(look_every) {
-            let [mut s, mut p] = wave.rotors;
+    fn turn_by_kind(&mut self, turns: &[Turn], kinds: &Kinds, first: usize) {
+        for block in kinds.of_layer.chunks(look_every(kinds.of_layer.len())) {
+            let [mut s, mut p] = self.rotors;
             let mut below = &Turn::NONE;
-            for &at in block {
-                let turn = &turns[at as usize];
-                s = s.shear_b(below.b[0] + turn.b[0]).shear_c(turn.c[0]);
-                p = p.shear_b(below.b[1] + turn.b[1]).shear_c(turn.c[1]);
+            for &kind in block {
+                let turn = &turns[kind as usize];
+                s = s
+                    .shear_b((below.b[0].part(first)) + turn.b[0].part(first))
+                    .shear_c(turn.c[0].part(first));
+                p = p
+                    .shear_b((below.b[1].part(first)) + turn.b[1].part(first))
+                    .shear_c(turn.c[1].part(first));
                 below = turn;
             }
-            wave.rotors = [s.shear_b(below.b[0]), p.shear_b(below.b[1])];
-            wave.look();
+            self.rotors = [s.shear_b(below.b[0].part(first)), p.shear_b(below.b[1].part(first))];
+            self.look();
         }
     }
 
+    /// Through all layers, one by one. Where nothing is emitted, the shears between layers are joined.
     #[inline(always)]
-    fn turn_emitting(
-        tile: &LosslessTile,
-        layers: &[DenseLayer],
-        turns: &[Turn],
-        order: &[u32],
-        look_every: usize,
-        wave: &mut Self,
-    ) {
-        for (block, order) in layers.chunks(look_every).zip(order.chunks(look_every)) {
-            let [mut s, mut p] = wave.rotors;
-            for (layer, &at) in block.iter().zip(order) {
-                let turn = &turns[at as usize];
-                let below = [s.standing(), p.standing()];
+    fn turn<const EMITS: bool>(&mut self, tile: &LosslessTile, first: usize) {
+        let mut above = tile.layers.iter();
+        let Some(lowest) = above.next() else { return };
+        let mut turns = Turns::new(tile, lowest, above, first);
+        for block in tile.layers.chunks(look_every(tile.layers.len())) {
+            let [mut s, mut p] = self.rotors;
+            let mut below = [Lanes::splat(0.0); 2];
+            for layer in block {
+                let turn = if Self::LOOKS_AHEAD {
+                    turns.next()
+                } else {
+                    Sines::new(tile, layer, first).turn(tile, layer.medium, first)
+                };
+                if !EMITS {
+                    s = s.shear_b(below[0] + turn.b[0]).shear_c(turn.c[0]);
+                    p = p.shear_b(below[1] + turn.b[1]).shear_c(turn.c[1]);
+                    below = turn.b;
+                    continue;
+                }
+                let standing = [s.standing(), p.standing()];
                 s = s.shear_b(turn.b[0]).shear_c(turn.c[0]).shear_b(turn.b[0]);
                 p = p.shear_b(turn.b[1]).shear_c(turn.c[1]).shear_b(turn.b[1]);
                 if layer.source != 0.0 {
                     let medium = &tile.media[layer.medium];
-                    s = s.emit(layer, medium.up[0], medium.mean[0], medium.face[0], below[0]);
-                    p = p.emit(layer, medium.up[1], medium.mean[1], medium.face[1], below[1]);
+                    s = s.emit(layer, medium, first, 0, standing[0]);
+                    p = p.emit(layer, medium, first, 1, standing[1]);
                 }
             }
-            wave.rotors = [s, p];
-            wave.look();
+            self.rotors = [s.shear_b(below[0]), p.shear_b(below[1])];
+            self.look();
         }
     }
 }
 
 /// The shears of a layer; [s, p].
 #[derive(Clone, Copy)]
-pub(super) struct Turn {
+pub(super) struct Turn<const W: usize = LANES> {
     /// τ q_ref/q.
-    b: [Lanes; 2],
+    b: [Lanes<W>; 2],
     /// −sin δ q/q_ref.
-    c: [Lanes; 2],
+    c: [Lanes<W>; 2],
+}
+
+impl<const W: usize> Turn<W> {
+    const NONE: Self = Self { b: [Lanes::splat(0.0); 2], c: [Lanes::splat(0.0); 2] };
 }
 
 impl Turn {
-    const NONE: Self = Self { b: [Lanes::splat(0.0); 2], c: [Lanes::splat(0.0); 2] };
-
     #[inline(always)]
-    fn of_each(tile: &LosslessTile, layers: &[DenseLayer], turns: &mut [Self]) {
-        for (layer, turn) in layers.iter().zip(turns) {
-            *turn = Self::new(tile, layer);
+    fn set_part<const W: usize>(&mut self, first: usize, part: Turn<W>) {
+        for pol in 0..2 {
+            self.b[pol].set_part(first, part.b[pol]);
+            self.c[pol].set_part(first, part.c[pol]);
         }
+    }
+}
+
+/// Sine and cosine of half a layer's phase, less whole half turns of the phase.
+#[derive(Clone, Copy)]
+struct Sines<const W: usize> {
+    sin: Lanes<W>,
+    cos: Lanes<W>,
+}
+
+impl<const W: usize> Sines<W> {
+    #[inline(always)]
+    fn new(tile: &LosslessTile, layer: &DenseLayer, first: usize) -> Self {
+        let medium = &tile.media[layer.medium];
+        let half_turns = medium.half_turns.part::<W>(first).scale(layer.thickness);
+        let (sin, cos) = if medium.most_half_turns * layer.thickness <= FEW_HALF_TURNS {
+            sin_cos_of_few_half_turns(half_turns)
+        } else {
+            sin_cos_of_half_turns(half_turns)
+        };
+        Self { sin, cos }
     }
 
     #[inline(always)]
-    fn new(tile: &LosslessTile, layer: &DenseLayer) -> Self {
-        let medium = &tile.media[layer.medium];
-        let half_turns = medium.half_turns.scale(layer.thickness);
-        let (tan, minus_sin) = if medium.most_half_turns * layer.thickness <= FEW_HALF_TURNS {
-            shears_of_few_half_turns(half_turns)
-        } else {
-            shears_of_half_turns(half_turns)
-        };
-        if layer.medium == tile.reference {
-            return Self { b: [tan; 2], c: [minus_sin; 2] };
+    fn turn(self, tile: &LosslessTile, medium: usize, first: usize) -> Turn<W> {
+        let Self { sin, cos } = self;
+        let (tan, minus_sin) = (sin / cos, -((sin + sin) * cos));
+        if medium == tile.reference {
+            return Turn { b: [tan; 2], c: [minus_sin; 2] };
         }
-        Self {
-            b: [tan * medium.up[0], tan * medium.up[1]],
-            c: [minus_sin * medium.down[0], minus_sin * medium.down[1]],
+        let LosslessMedium { up, down, .. } = &tile.media[medium];
+        Turn {
+            b: [tan * up[0].part(first), tan * up[1].part(first)],
+            c: [minus_sin * down[0].part(first), minus_sin * down[1].part(first)],
         }
     }
 }
 
 #[inline(always)]
-fn finish_lossless(tile: &LosslessTile, wave: &LosslessWave) -> TileResult {
+fn finish_lossless<const W: usize>(
+    tile: &LosslessTile,
+    first: usize,
+    wave: &LosslessWave<W>,
+    result: &mut TileResult,
+) {
     let LosslessWave { rotors, memories } = wave;
-    let nothing = [Lanes::splat(0.0); 2];
-    let mut result =
-        TileResult { reflectance: nothing, transmittance: nothing, error: nothing, emission: nothing };
     for (pol, rotor) in rotors.iter().enumerate() {
-        let (q_0, q_ref) = (tile.q_ambient[pol], tile.q_reference[pol]);
+        let (q_0, q_ref) = (tile.q_ambient[pol].part(first), tile.q_reference[pol].part(first));
         // q₀B and C, real and imaginary parts; the second solution carries −Re C.
         let (b_re, b_im) = (q_0 * rotor.b[0], q_0 * rotor.b[1]);
         let (c_re, c_im) = (-(q_ref * rotor.c[1]), q_ref * rotor.c[0]);
@@ -411,28 +509,31 @@ fn finish_lossless(tile: &LosslessTile, wave: &LosslessWave) -> TileResult {
         let incident = square([b_re + c_re, b_im + c_im]);
         // Most fields never grow so far as to be scaled, and a library function costs as much as a layer.
         let scale = memories[pol].exponent.map(|e| if e == 0.0 { 1.0 } else { (-2.0 * e).exp2() });
-        let transmitted = (q_0 * tile.q_substrate[pol][0]).scale(4.0) * scale;
+        let transmitted = (q_0 * tile.q_substrate[pol][0].part(first)).scale(4.0) * scale;
         let whole = reflected + transmitted;
-        result.reflectance[pol] = reflected / whole;
-        result.transmittance[pol] = transmitted / whole;
+        result.reflectance[pol].set_part(first, reflected / whole);
+        result.transmittance[pol].set_part(first, transmitted / whole);
         // Rounding does not know of flux conservation: what it breaks is the measure of what it did.
         let broken = whole.zip(incident, |a, b| (a / b - 1.0).abs());
         // q_ref(B² + C²/q_ref²) stored against |q₀B + C|²/2q₀ coming in.
         let incoming = incident / (q_0 * q_ref).scale(2.0);
-        result.error[pol] =
-            broken + memories[pol].magnified_rounding(ROTATION_ROUNDING, tile.layers.len(), incoming);
-        result.emission[pol] = rotor.emission / incident * (q_0 * q_0).scale(4.0);
+        let rounding = memories[pol].magnified_rounding(ROTATION_ROUNDING, tile.layers.len(), incoming);
+        result.error[pol].set_part(first, broken + rounding);
+        result.emission[pol].set_part(first, rotor.emission / incident * (q_0 * q_0).scale(4.0));
     }
-    result
 }
 
 /// What the complex loop needs of a medium.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ComplexMedium {
-    /// Turns of phase per metre there and back, 2 k₀ Re kz/2π.
-    pub(super) turns: Lanes,
+    /// Quarter turns of phase per metre there and back, 4 k₀ Re kz/π.
+    pub(super) quarter_turns: Lanes,
     /// Binary logarithms of decay per metre there and back, 2 k₀ Im kz/ln 2.
     pub(super) decay: Lanes,
+    /// The largest of them.
+    pub(super) most_decay: f64,
+    /// Thickness of all its layers, metres.
+    pub(super) thickness: f64,
     /// |E|² of a wave by itself for unit |ψ|², and of what two interfere to; [s, p] (emission only).
     pub(super) alone: [Lanes; 2],
     pub(super) together: [Lanes; 2],
@@ -463,15 +564,15 @@ pub(super) struct ComplexTile<'a> {
 
 /// Downward and upward amplitudes at a face, without the growth that `norm` and the total decay keep.
 #[derive(Clone, Copy)]
-struct Amplitudes {
-    down: [Lanes; 2],
-    up: [Lanes; 2],
+struct Amplitudes<const W: usize> {
+    down: [Lanes<W>; 2],
+    up: [Lanes<W>; 2],
     /// Π 1/|τ|.
-    norm: Lanes,
+    norm: Lanes<W>,
 }
 
 // By value throughout: the state must stay in registers.
-impl Amplitudes {
+impl<const W: usize> Amplitudes<W> {
     /// In the substrate.
     const INSIDE: Self = Self {
         down: [Lanes::splat(1.0), Lanes::splat(0.0)],
@@ -480,19 +581,20 @@ impl Amplitudes {
     };
 
     #[inline(always)]
-    fn interface(self, rho: &[Lanes; 2], inverse_tau: Lanes) -> Self {
-        let [re, im] = *rho;
+    fn interface(self, interface: &Interface, first: usize, pol: usize) -> Self {
+        let [re, im]: [Lanes<W>; 2] = [interface.rho[pol][0].part(first), interface.rho[pol][1].part(first)];
         let (f, g) = (self.down, self.up);
         Self {
             down: [re.fma(g[0], im.fnma(g[1], f[0])), re.fma(g[1], im.fma(g[0], f[1]))],
             up: [re.fma(f[0], im.fnma(f[1], g[0])), re.fma(f[1], im.fma(f[0], g[1]))],
-            norm: self.norm * inverse_tau,
+            norm: self.norm * interface.inverse_tau[pol].part(first),
         }
     }
 
     /// ∫|E|² over a layer from its lower face, where these amplitudes are, on the scale of its upper face.
     #[inline(always)]
-    fn stored(&self, path: &Path, alone: Lanes, together: Lanes) -> Lanes {
+    fn stored(&self, path: &Path<W>, medium: &ComplexMedium, first: usize, pol: usize) -> Lanes<W> {
+        let (alone, together) = (medium.alone[pol].part::<W>(first), medium.together[pol].part(first));
         let (f, g) = (self.down, self.up);
         let waves = path.shrink.fma(square(g), square(f)) * path.mean;
         let product = [f[0].fma(g[0], f[1] * g[1]), f[0].fnma(g[1], f[1] * g[0])];
@@ -501,7 +603,7 @@ impl Amplitudes {
     }
 
     #[inline(always)]
-    fn propagate(self, re: Lanes, im: Lanes) -> Self {
+    fn propagate(self, [re, im]: [Lanes<W>; 2]) -> Self {
         let g = self.up;
         Self { up: [im.fnma(g[1], re * g[0]), im.fma(g[0], re * g[1])], ..self }
     }
@@ -513,94 +615,153 @@ impl Amplitudes {
     }
 
     #[inline(always)]
-    fn scaled(self, factor: Lanes) -> Self {
+    fn scaled(self, factor: Lanes<W>) -> Self {
         let Self { down, up, .. } = self;
         Self { down: [down[0] * factor, down[1] * factor], up: [up[0] * factor, up[1] * factor], ..self }
     }
 
     #[inline(always)]
-    fn energy(&self) -> Lanes {
+    fn energy(&self) -> Lanes<W> {
         square(self.down) + square(self.up)
     }
 }
 
-at_each_level! { pub(super) fn complex(tile: &ComplexTile) -> TileResult = through_any_stack }
+/// What goes up through any stack; [s, p].
+struct ComplexWave<const W: usize> {
+    amplitudes: [Amplitudes<W>; 2],
+    memories: [Memory<W>; 2],
+    emission: [Lanes<W>; 2],
+}
+
+at_each_level! {
+    /// Through any stack.
+    pub(super) fn complex(tile: &ComplexTile, scratch: &mut Vec<Passage>) -> TileResult = through_any_stack[8, 4, 2]
+}
+at_each_level! {
+    /// As `complex`, with sources.
+    pub(super) fn complex_emitting(tile: &ComplexTile) -> TileResult = through_any_emitting_stack[8, 4, 2]
+}
 
 #[inline(always)]
-fn through_any_stack(tile: &ComplexTile) -> TileResult {
-    let mut waves = [Amplitudes::INSIDE; 2];
-    let mut memories = [Memory::of(Lanes::splat(1.0)); 2];
-    let mut total_decay = Lanes::splat(0.0);
-    let look_every = look_every(tile.layers.len());
-    if let Some(kinds) = tile.kinds {
-        let mut passages = Vec::with_capacity(kinds.layers.len());
-        for (layer, count) in kinds.layers.iter().zip(&kinds.counts) {
-            let (factor, decay) = passage(&tile.media[layer.medium], layer);
-            passages.push(factor);
-            total_decay = total_decay + decay.scale(*count as f64);
+fn through_any_stack<const W: usize>(tile: &ComplexTile, scratch: &mut Vec<Passage>) -> TileResult {
+    let mut result = TileResult::UNKNOWN;
+    for first in (0..LANES).step_by(W) {
+        let mut wave = ComplexWave::<W>::INSIDE;
+        match tile.kinds {
+            Some(kinds) => {
+                scratch.resize(kinds.layers.len(), [Lanes::splat(0.0); 2]);
+                for (layer, slot) in kinds.layers.iter().zip(scratch.iter_mut()) {
+                    let [re, im] = passage::<W>(&tile.media[layer.medium], layer, first).0;
+                    slot[0].set_part(first, re);
+                    slot[1].set_part(first, im);
+                }
+                let passages = PassagesByKind { passages: scratch, of_layer: &kinds.of_layer, first };
+                wave.pass(tile, first, &passages);
+            }
+            None => wave.pass(tile, first, &PassagesOneByOne { tile, first }),
         }
-        for (block, interfaces) in kinds.of_layer.chunks(look_every).zip(tile.interface_of.chunks(look_every))
-        {
-            waves = passed(tile, &passages, block, interfaces, waves);
-            waves = look_at_waves(&mut memories, waves);
-        }
+        finish_complex(tile, first, &wave, &mut result);
+    }
+    result
+}
+
+#[inline(always)]
+fn through_any_emitting_stack<const W: usize>(tile: &ComplexTile) -> TileResult {
+    let mut result = TileResult::UNKNOWN;
+    for first in (0..LANES).step_by(W) {
+        let mut wave = ComplexWave::<W>::INSIDE;
+        wave.pass_emitting(tile, first);
+        finish_complex(tile, first, &wave, &mut result);
+    }
+    result
+}
+
+/// e^(2iδ) of a layer as (Re, Im).
+pub(super) type Passage<const W: usize = LANES> = [Lanes<W>; 2];
+
+/// The passage of a layer, and |e^(2iδ)|.
+#[inline(always)]
+fn passage<const W: usize>(
+    medium: &ComplexMedium,
+    layer: &DenseLayer,
+    first: usize,
+) -> (Passage<W>, Lanes<W>) {
+    let (cos, sin) = cos_sin_quarter_turns(medium.quarter_turns.part::<W>(first).scale(layer.thickness));
+    let decay = medium.decay.part::<W>(first).scale(layer.thickness);
+    let shrink = if medium.most_decay * layer.thickness <= LITTLE_DECAY {
+        exp2_neg_of_little(decay)
     } else {
-        let mut passages = [[Lanes::splat(0.0); 2]; BLOCK];
-        for (block, interfaces) in tile.layers.chunks(look_every).zip(tile.interface_of.chunks(look_every)) {
-            total_decay = total_decay + passage_block(tile, block, &mut passages);
-            waves = passed(tile, &passages, &ONE_BY_ONE[..block.len()], interfaces, waves);
-            waves = look_at_waves(&mut memories, waves);
-        }
-    }
-    finish_complex(tile, waves, memories, total_decay)
+        exp2_neg(decay)
+    };
+    ([cos * shrink, sin * shrink], shrink)
 }
 
-#[inline(always)]
-fn look_at_waves(memories: &mut [Memory; 2], mut waves: [Amplitudes; 2]) -> [Amplitudes; 2] {
-    for (memory, wave) in memories.iter_mut().zip(&mut waves) {
-        *wave = wave.normalised();
-        if let Some(factor) = memory.look(wave.energy()) {
-            *wave = wave.scaled(factor);
-        }
-    }
-    waves
+/// Where the passages of layers come from.
+trait Passages<const W: usize> {
+    fn of(&self, layer: usize) -> Passage<W>;
 }
 
-/// e^(2iδ) of a layer as (Re, Im), and the decay in it that was counted.
-#[inline(always)]
-fn passage(medium: &ComplexMedium, layer: &DenseLayer) -> ([Lanes; 2], Lanes) {
-    let (cos, sin) = cos_sin_turns(medium.turns.scale(layer.thickness));
-    let decay = medium.decay.scale(layer.thickness);
-    let shrink = exp2_neg(decay);
-    ([cos * shrink, sin * shrink], decay)
+/// From a table.
+struct PassagesByKind<'a> {
+    passages: &'a [Passage],
+    of_layer: &'a [u32],
+    first: usize,
+}
+
+impl<const W: usize> Passages<W> for PassagesByKind<'_> {
+    #[inline(always)]
+    fn of(&self, layer: usize) -> Passage<W> {
+        let [re, im] = &self.passages[self.of_layer[layer] as usize];
+        [re.part(self.first), im.part(self.first)]
+    }
+}
+
+/// Each computed.
+struct PassagesOneByOne<'a> {
+    tile: &'a ComplexTile<'a>,
+    first: usize,
+}
+
+impl<const W: usize> Passages<W> for PassagesOneByOne<'_> {
+    #[inline(always)]
+    fn of(&self, layer: usize) -> Passage<W> {
+        let layer = &self.tile.layers[layer];
+        passage(&self.tile.media[layer.medium], layer, self.first).0
+    }
 }
 
 /// Way through a layer of an energy, metres.
-struct Path {
+struct Path<const W: usize> {
     /// Of a wave by itself, on the scale of its stronger end.
-    mean: Lanes,
+    mean: Lanes<W>,
     /// Of twice the real part of f·ḡ, and of its imaginary part.
-    standing: [Lanes; 2],
+    standing: [Lanes<W>; 2],
     /// |e^(2iδ)|.
-    shrink: Lanes,
+    shrink: Lanes<W>,
 }
 
-impl Path {
-    /// From e^(2iδ), and the decay in it.
+impl<const W: usize> Path<W> {
     #[inline(always)]
-    fn new(medium: &ComplexMedium, layer: &DenseLayer, [re, im]: [Lanes; 2], decay: Lanes) -> Self {
+    fn new(
+        medium: &ComplexMedium,
+        layer: &DenseLayer,
+        first: usize,
+        [re, im]: Passage<W>,
+        shrink: Lanes<W>,
+    ) -> Self {
         // (1 − e^−x)/x: a short series where 1 − e^−x has lost digits.
         const FEW: f64 = 1e-3;
         const SERIES: [f64; 5] = [1.0, -0.5, 1.0 / 6.0, -1.0 / 24.0, 1.0 / 120.0];
-        let shrink = exp2_neg(decay);
+        let decay = medium.decay.part::<W>(first).scale(layer.thickness);
         let x = decay.scale(std::f64::consts::LN_2);
         let series = x.polynomial(&SERIES);
         let whole = (Lanes::splat(1.0) - shrink) / x;
         let mut mean = series;
-        for i in 0..LANES {
+        for i in 0..W {
             mean.0[i] = if x.0[i] < FEW { series.0[i] } else { whole.0[i] };
         }
-        let per_phase = Lanes::splat(2.0) / medium.turns.scale(std::f64::consts::TAU);
+        let phase_per_metre = medium.quarter_turns.part::<W>(first).scale(std::f64::consts::FRAC_PI_2);
+        let per_phase = Lanes::splat(2.0) / phase_per_metre;
         Self {
             mean: mean.scale(layer.thickness),
             standing: [im * per_phase, (shrink - re) * per_phase],
@@ -609,98 +770,89 @@ impl Path {
     }
 }
 
-at_each_level! {
-    /// As `complex`, with sources.
-    pub(super) fn complex_emitting(tile: &ComplexTile) -> TileResult = through_any_emitting_stack
-}
+impl<const W: usize> ComplexWave<W> {
+    const INSIDE: Self = Self {
+        amplitudes: [Amplitudes::INSIDE; 2],
+        memories: [Memory { exponent: Lanes::splat(0.0), most: Lanes::splat(1.0) }; 2],
+        emission: [Lanes::splat(0.0); 2],
+    };
 
-#[inline(always)]
-fn through_any_emitting_stack(tile: &ComplexTile) -> TileResult {
-    let mut waves = [Amplitudes::INSIDE; 2];
-    let mut memories = [Memory::of(Lanes::splat(1.0)); 2];
-    let mut emission = [Lanes::splat(0.0); 2];
-    let mut total_decay = Lanes::splat(0.0);
-    let look_every = look_every(tile.layers.len());
-    for (block, interfaces) in tile.layers.chunks(look_every).zip(tile.interface_of.chunks(look_every)) {
-        for (layer, &at) in block.iter().zip(interfaces) {
-            let medium = &tile.media[layer.medium];
-            let (turn, decay) = passage(medium, layer);
-            let path = Path::new(medium, layer, turn, decay);
-            total_decay = total_decay + decay;
-            for pol in 0..2 {
-                let interface = &tile.interfaces[at];
-                let wave = waves[pol].interface(&interface.rho[pol], interface.inverse_tau[pol]);
-                let stored = wave.stored(&path, medium.alone[pol], medium.together[pol]);
-                emission[pol] = emission[pol].fma(path.shrink, stored.scale(layer.source));
-                waves[pol] = wave.propagate(turn[0], turn[1]);
-            }
-        }
-        for ((wave, memory), emission) in waves.iter_mut().zip(&mut memories).zip(&mut emission) {
-            *wave = wave.normalised();
-            if let Some(factor) = memory.look(wave.energy()) {
-                *wave = wave.scaled(factor);
-                *emission = *emission * factor * factor;
+    #[inline(always)]
+    fn look(&mut self) {
+        for pol in 0..2 {
+            let wave = self.amplitudes[pol].normalised();
+            self.amplitudes[pol] = wave;
+            if let Some(factor) = self.memories[pol].look(wave.energy()) {
+                self.amplitudes[pol] = wave.scaled(factor);
+                self.emission[pol] = self.emission[pol] * factor * factor;
             }
         }
     }
-    let mut result = finish_complex(tile, waves, memories, total_decay);
-    for (pol, emission) in emission.into_iter().enumerate() {
-        result.emission[pol] = emission / result.emission[pol];
+
+    #[inline(always)]
+    fn pass(&mut self, tile: &ComplexTile, first: usize, passages: &impl Passages<W>) {
+        let count = tile.layers.len();
+        let look_every = look_every(count);
+        let mut from = 0;
+        while from < count {
+            let to = (from + look_every).min(count);
+            let [mut s, mut p] = self.amplitudes;
+            for at in from..to {
+                let passage = passages.of(at);
+                let interface = &tile.interfaces[tile.interface_of[at]];
+                s = s.interface(interface, first, 0).propagate(passage);
+                p = p.interface(interface, first, 1).propagate(passage);
+            }
+            self.amplitudes = [s, p];
+            self.look();
+            from = to;
+        }
     }
-    result
+
+    #[inline(always)]
+    fn pass_emitting(&mut self, tile: &ComplexTile, first: usize) {
+        let look_every = look_every(tile.layers.len());
+        for (block, interfaces) in tile.layers.chunks(look_every).zip(tile.interface_of.chunks(look_every)) {
+            let ([mut s, mut p], [mut of_s, mut of_p]) = (self.amplitudes, self.emission);
+            for (layer, &at) in block.iter().zip(interfaces) {
+                let (medium, interface) = (&tile.media[layer.medium], &tile.interfaces[at]);
+                let (turn, shrink) = passage(medium, layer, first);
+                let path = Path::new(medium, layer, first, turn, shrink);
+                s = s.interface(interface, first, 0);
+                p = p.interface(interface, first, 1);
+                of_s = of_s.fma(path.shrink, s.stored(&path, medium, first, 0).scale(layer.source));
+                of_p = of_p.fma(path.shrink, p.stored(&path, medium, first, 1).scale(layer.source));
+                (s, p) = (s.propagate(turn), p.propagate(turn));
+            }
+            (self.amplitudes, self.emission) = ([s, p], [of_s, of_p]);
+            self.look();
+        }
+    }
 }
 
-/// Through layers of known passage, each above an interface.
 #[inline(always)]
-fn passed(
+fn finish_complex<const W: usize>(
     tile: &ComplexTile,
-    passages: &[[Lanes; 2]],
-    order: &[u32],
-    interfaces: &[usize],
-    [mut s, mut p]: [Amplitudes; 2],
-) -> [Amplitudes; 2] {
-    for (&passage, &at) in order.iter().zip(interfaces) {
-        let [re, im] = passages[passage as usize];
-        let interface = &tile.interfaces[at];
-        s = s.interface(&interface.rho[0], interface.inverse_tau[0]).propagate(re, im);
-        p = p.interface(&interface.rho[1], interface.inverse_tau[1]).propagate(re, im);
-    }
-    [s, p]
-}
-
-/// The passages of a block, in a loop of their own; gives the decay of the block.
-#[inline(always)]
-fn passage_block(tile: &ComplexTile, block: &[DenseLayer], passages: &mut [[Lanes; 2]; BLOCK]) -> Lanes {
-    let mut total = Lanes::splat(0.0);
-    for (layer, slot) in block.iter().zip(passages) {
-        let decay;
-        (*slot, decay) = passage(&tile.media[layer.medium], layer);
-        total = total + decay;
-    }
-    total
-}
-
-#[inline(always)]
-fn finish_complex(
-    tile: &ComplexTile,
-    waves: [Amplitudes; 2],
-    memories: [Memory; 2],
-    total_decay: Lanes,
-) -> TileResult {
+    first: usize,
+    wave: &ComplexWave<W>,
+    result: &mut TileResult,
+) {
     let top = &tile.interfaces[tile.interface_of[tile.layers.len()]];
-    let nothing = [Lanes::splat(0.0); 2];
-    let mut result =
-        TileResult { reflectance: nothing, transmittance: nothing, error: nothing, emission: nothing };
-    for (pol, (wave, memory)) in waves.into_iter().zip(memories).enumerate() {
-        let wave = wave.interface(&top.rho[pol], top.inverse_tau[pol]).normalised();
-        let (down, up) = (square(wave.down), square(wave.up));
-        result.reflectance[pol] = up / down;
-        let power = memory.exponent.zip(total_decay, |e, decay| (-2.0 * e - decay).exp2());
-        result.transmittance[pol] = power * tile.flux[pol] / down;
-        // Of unit |ψ| in the substrate: what is emitted is divided by it.
-        result.emission[pol] = down;
-        let incoming = down * tile.inverse_contrast[pol];
-        result.error[pol] = memory.magnified_rounding(AMPLITUDE_ROUNDING, tile.layers.len(), incoming);
+    let mut total_decay = Lanes::<W>::splat(0.0);
+    for medium in tile.media {
+        total_decay = medium.decay.part::<W>(first).fma(Lanes::splat(medium.thickness), total_decay);
     }
-    result
+    for pol in 0..2 {
+        let memory = &wave.memories[pol];
+        let wave_at_top = wave.amplitudes[pol].interface(top, first, pol).normalised();
+        let (down, up) = (square(wave_at_top.down), square(wave_at_top.up));
+        result.reflectance[pol].set_part(first, up / down);
+        let power = memory.exponent.zip(total_decay, |e, decay| (-2.0 * e - decay).exp2());
+        result.transmittance[pol].set_part(first, power * tile.flux[pol].part(first) / down);
+        // Of unit |ψ| in the substrate.
+        result.emission[pol].set_part(first, wave.emission[pol] / down);
+        let incoming = down * tile.inverse_contrast[pol].part(first);
+        let rounding = memory.magnified_rounding(AMPLITUDE_ROUNDING, tile.layers.len(), incoming);
+        result.error[pol].set_part(first, rounding);
+    }
 }

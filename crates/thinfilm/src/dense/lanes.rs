@@ -1,18 +1,34 @@
 //! A fixed number of f64 side by side. Every operation is one loop that the compiler turns into vector instructions;
 //! all of it inlines into functions compiled for one instruction set, so results are the same bits on all of them.
 
-/// Wavelengths handled together.
+/// Wavelengths of a tile.
 pub(crate) const LANES: usize = 16;
 
-/// One number a lane.
+/// One number a lane: of a tile, or of the `W` lanes of it that go through the layers together.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(crate) struct Lanes(pub(crate) [f64; LANES]);
+pub(crate) struct Lanes<const W: usize = LANES>(pub(crate) [f64; W]);
 
 impl Lanes {
+    /// The lanes from `first` on.
+    #[inline(always)]
+    pub(crate) fn part<const W: usize>(&self, first: usize) -> Lanes<W> {
+        let mut out = [0.0; W];
+        out.copy_from_slice(&self.0[first..first + W]);
+        Lanes(out)
+    }
+
+    /// Sets the lanes from `first` on.
+    #[inline(always)]
+    pub(crate) fn set_part<const W: usize>(&mut self, first: usize, part: Lanes<W>) {
+        self.0[first..first + W].copy_from_slice(&part.0);
+    }
+}
+
+impl<const W: usize> Lanes<W> {
     #[inline(always)]
     pub(crate) const fn splat(x: f64) -> Self {
-        Self([x; LANES])
+        Self([x; W])
     }
 
     #[inline(always)]
@@ -27,7 +43,7 @@ impl Lanes {
     #[inline(always)]
     pub(crate) fn zip(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
         let mut out = self;
-        for i in 0..LANES {
+        for i in 0..W {
             out.0[i] = f(self.0[i], other.0[i]);
         }
         out
@@ -37,7 +53,7 @@ impl Lanes {
     #[inline(always)]
     pub(crate) fn fma(self, b: Self, c: Self) -> Self {
         let mut out = self;
-        for i in 0..LANES {
+        for i in 0..W {
             out.0[i] = self.0[i].mul_add(b.0[i], c.0[i]);
         }
         out
@@ -47,7 +63,7 @@ impl Lanes {
     #[inline(always)]
     pub(crate) fn fnma(self, b: Self, c: Self) -> Self {
         let mut out = self;
-        for i in 0..LANES {
+        for i in 0..W {
             out.0[i] = (-self.0[i]).mul_add(b.0[i], c.0[i]);
         }
         out
@@ -75,6 +91,19 @@ impl Lanes {
         sum
     }
 
+    /// Two polynomials in `self` step by step: neither waits for the other.
+    #[inline(always)]
+    fn two_polynomials<const N: usize>(self, a: &[f64; N], b: &[f64; N]) -> (Self, Self) {
+        let (mut x, mut y) = (Self::splat(a[N - 1]), Self::splat(b[N - 1]));
+        let mut i = N - 1;
+        while i > 0 {
+            i -= 1;
+            x = x.fma(self, Self::splat(a[i]));
+            y = y.fma(self, Self::splat(b[i]));
+        }
+        (x, y)
+    }
+
     #[inline(always)]
     pub(crate) fn max(self, other: Self) -> Self {
         self.zip(other, |a, b| if a > b { a } else { b })
@@ -86,7 +115,7 @@ impl Lanes {
     }
 }
 
-impl std::ops::Add for Lanes {
+impl<const W: usize> std::ops::Add for Lanes<W> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
@@ -94,7 +123,7 @@ impl std::ops::Add for Lanes {
     }
 }
 
-impl std::ops::Sub for Lanes {
+impl<const W: usize> std::ops::Sub for Lanes<W> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
@@ -102,7 +131,7 @@ impl std::ops::Sub for Lanes {
     }
 }
 
-impl std::ops::Mul for Lanes {
+impl<const W: usize> std::ops::Mul for Lanes<W> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
@@ -110,7 +139,7 @@ impl std::ops::Mul for Lanes {
     }
 }
 
-impl std::ops::Div for Lanes {
+impl<const W: usize> std::ops::Div for Lanes<W> {
     type Output = Self;
     #[inline(always)]
     fn div(self, other: Self) -> Self {
@@ -118,7 +147,7 @@ impl std::ops::Div for Lanes {
     }
 }
 
-impl std::ops::Neg for Lanes {
+impl<const W: usize> std::ops::Neg for Lanes<W> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
@@ -137,16 +166,15 @@ const SIN: [f64; 7] = [
     5.633933781537854e-08,
 ];
 
-/// cos(πr/2) as a polynomial in r², |r| ≤ ½, its constant exactly 1: a bias in sin² + cos² would grow with every layer.
-const COS: [f64; 8] = [
+/// cos(πr/2) as a polynomial in r², |r| ≤ ½, its constant exactly 1: error 5.2e-17.
+const COS: [f64; 7] = [
     1.0,
-    -1.2337005501361697,
-    0.2536695079010478,
-    -0.020863480763340773,
-    0.0009192602745468447,
-    -2.5202039028029178e-05,
-    4.710678405505227e-07,
-    -6.329396344967424e-09,
+    -1.233700550136157,
+    0.25366950790005294,
+    -0.020863480737573933,
+    0.0009192599677597649,
+    -2.520019241970396e-05,
+    4.656003838635755e-07,
 ];
 
 /// Up to here a layer's phase needs no reduction, and shorter polynomials do.
@@ -188,53 +216,72 @@ const EXP2_NEG: [f64; 12] = [
     -4.4558179083360645e-10,
 ];
 
-/// (sin πr/2, cos πr/2), r what u lacks of a whole number: |r| ≤ ½.
+/// Up to here a decay needs no whole powers of two, and a shorter polynomial does.
+pub(crate) const LITTLE_DECAY: f64 = 0.0625;
+
+/// As [`EXP2_NEG`] for 0 ≤ f ≤ 1/16: error 7.6e-18.
+const EXP2_NEG_OF_LITTLE: [f64; 7] = [
+    1.0,
+    -0.6931471805599378,
+    0.24022650695677752,
+    -0.05550410842475651,
+    0.009618117691376537,
+    -0.0013330810111922755,
+    0.0001507740610150313,
+];
+
+/// (sin πr/2, cos πr/2), r what u lacks of a whole number: |r| ≤ ½. Whole half turns change the sign of a matrix and no power.
 #[inline(always)]
-fn sin_cos_of_remainder(u: Lanes) -> (Lanes, Lanes) {
+pub(crate) fn sin_cos_of_half_turns<const W: usize>(u: Lanes<W>) -> (Lanes<W>, Lanes<W>) {
     let r = u - u.round();
     let z = r * r;
-    (z.polynomial(&SIN) * r, z.polynomial(&COS))
-}
-
-/// (tan δ/2, −sin δ) for δ = πu less whole half turns, which change the sign of a matrix and no power: |tan δ/2| ≤ 1.
-#[inline(always)]
-pub(crate) fn shears_of_half_turns(u: Lanes) -> (Lanes, Lanes) {
-    shears(sin_cos_of_remainder(u))
+    let (sin, cos) = z.two_polynomials(&SIN, &COS);
+    (sin * r, cos)
 }
 
 /// The same for 0 ≤ u ≤ [`FEW_HALF_TURNS`].
 #[inline(always)]
-pub(crate) fn shears_of_few_half_turns(u: Lanes) -> (Lanes, Lanes) {
+pub(crate) fn sin_cos_of_few_half_turns<const W: usize>(u: Lanes<W>) -> (Lanes<W>, Lanes<W>) {
     let z = u * u;
-    shears((z.polynomial(&SIN_OF_FEW) * u, z.polynomial(&COS_OF_FEW)))
+    let (sin, cos) = z.two_polynomials(&SIN_OF_FEW, &COS_OF_FEW);
+    (sin * u, cos)
 }
 
-/// From sine and cosine of half the angle. The division costs next to nothing: it runs beside the polynomials.
+/// n + this holds n in its low bits.
+const INTEGER: f64 = 6_755_399_441_055_744.0; // 1.5·2^52
+
+/// (cos πu/2, sin πu/2) for |u| < 2^51.
 #[inline(always)]
-fn shears((sin, cos): (Lanes, Lanes)) -> (Lanes, Lanes) {
-    (sin / cos, -((sin + sin) * cos))
+pub(crate) fn cos_sin_quarter_turns<const W: usize>(u: Lanes<W>) -> (Lanes<W>, Lanes<W>) {
+    let (sin, cos) = sin_cos_of_half_turns(u);
+    let quarters = u + Lanes::splat(INTEGER);
+    let mut turned = (cos, sin);
+    for i in 0..W {
+        let n = quarters.0[i].to_bits();
+        let (cos, sin) = if n & 1 == 0 { (cos.0[i], sin.0[i]) } else { (sin.0[i], cos.0[i]) };
+        // The cosine is negative in the second and third quarter, the sine in the third and fourth.
+        let (minus_cos, minus_sin) = ((n.wrapping_add(1) & 2) << 62, (n & 2) << 62);
+        turned.0.0[i] = f64::from_bits(cos.to_bits() ^ minus_cos);
+        turned.1.0[i] = f64::from_bits(sin.to_bits() ^ minus_sin);
+    }
+    turned
 }
 
-/// (cos 2πu, sin 2πu).
+/// 2^-y for 0 ≤ y ≤ [`LITTLE_DECAY`].
 #[inline(always)]
-pub(crate) fn cos_sin_turns(u: Lanes) -> (Lanes, Lanes) {
-    // Doubled twice: (c, s) to (1 − 2s², 2sc). The first doubling may lack a sign.
-    let (s, c) = sin_cos_of_remainder(u);
-    let twice = s + s;
-    let (c, s) = (twice.fnma(s, Lanes::splat(1.0)), twice * c);
-    let twice = s + s;
-    (twice.fnma(s, Lanes::splat(1.0)), twice * c)
+pub(crate) fn exp2_neg_of_little<const W: usize>(y: Lanes<W>) -> Lanes<W> {
+    y.polynomial(&EXP2_NEG_OF_LITTLE)
 }
 
 /// 2^-y for 0 ≤ y; below 2^-1000 it stays there.
 #[inline(always)]
-pub(crate) fn exp2_neg(y: Lanes) -> Lanes {
+pub(crate) fn exp2_neg<const W: usize>(y: Lanes<W>) -> Lanes<W> {
     let y = y.map(|y| if y < 1000.0 { y } else { 1000.0 });
     let n = y.round();
     let mantissa = (y - n).polynomial(&EXP2_NEG);
-    // n + 1.5·2^52 holds n in its low bits; shifted, it is subtracted from the exponent field.
+    // Shifted, n is subtracted from the exponent field.
     mantissa.zip(n, |m, n| {
-        let bits = (n + 6_755_399_441_055_744.0).to_bits() << 52;
+        let bits = (n + INTEGER).to_bits() << 52;
         f64::from_bits(m.to_bits().wrapping_sub(bits))
     })
 }
@@ -244,17 +291,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shears_are_tangent_of_half_and_sine() {
+    fn sines_of_half_turns_are_those_of_the_library() {
         for i in 0..4000 {
             let u = f64::from(i) * 0.000_7;
-            let r = u - u.round_ties_even();
-            let (half, whole) = (std::f64::consts::FRAC_PI_2 * r, std::f64::consts::PI * r);
-            let near = |a: f64, b: f64| (a - b).abs() <= 4.0 * f64::EPSILON * b.abs();
-            let (tan, minus_sin) = shears_of_half_turns(Lanes::splat(u));
-            assert!(near(tan.0[1], half.tan()) && near(minus_sin.0[1], -whole.sin()), "{u}");
+            let half = std::f64::consts::FRAC_PI_2 * (u - u.round_ties_even());
+            let near = |a: f64, b: f64| (a - b).abs() <= 2.0 * f64::EPSILON * b.abs();
+            let (sin, cos) = sin_cos_of_half_turns::<LANES>(Lanes::splat(u));
+            assert!(near(sin.0[1], half.sin()) && near(cos.0[1], half.cos()), "{u}");
             if u <= FEW_HALF_TURNS {
-                let (tan, minus_sin) = shears_of_few_half_turns(Lanes::splat(u));
-                assert!(near(tan.0[1], half.tan()) && near(minus_sin.0[1], -whole.sin()), "{u}");
+                let (sin, cos) = sin_cos_of_few_half_turns::<LANES>(Lanes::splat(u));
+                assert!(near(sin.0[1], half.sin()) && near(cos.0[1], half.cos()), "{u}");
             }
         }
     }
@@ -263,10 +309,10 @@ mod tests {
     fn polynomials_match_the_library_functions() {
         for i in -4000..4000 {
             let u = f64::from(i) * 0.001_234_5;
-            let (c, s) = cos_sin_turns(Lanes::splat(u));
-            let x = u * std::f64::consts::TAU;
-            // The reduction u − round(u) is exact; x itself is rounded to 1e-16·|x|. Doubling twice leaves 8 half-ulps.
-            let tolerance = 8.0 * 2f64.powi(-53) + 2e-16 * x.abs();
+            let (c, s) = cos_sin_quarter_turns::<LANES>(Lanes::splat(u));
+            let x = u * std::f64::consts::FRAC_PI_2;
+            // The reduction u − round(u) is exact; x itself is rounded to 1e-16·|x|.
+            let tolerance = 3.0 * 2f64.powi(-53) + 2e-16 * x.abs();
             assert!(
                 (c.0[0] - x.cos()).abs() < tolerance && (s.0[0] - x.sin()).abs() < tolerance,
                 "{u}: {:e} {:e}",
@@ -274,7 +320,10 @@ mod tests {
                 s.0[0] - x.sin()
             );
             let y = u.abs() * 100.0;
-            assert!((exp2_neg(Lanes::splat(y)).0[3] / (-y).exp2() - 1.0).abs() < 1e-15, "{y}");
+            assert!((exp2_neg::<LANES>(Lanes::splat(y)).0[3] / (-y).exp2() - 1.0).abs() < 1e-15, "{y}");
+            let little = u.abs() * (LITTLE_DECAY / 5.0);
+            let found = exp2_neg_of_little::<LANES>(Lanes::splat(little)).0[3];
+            assert!((found / (-little).exp2() - 1.0).abs() < 5e-16, "{little}");
         }
     }
 }

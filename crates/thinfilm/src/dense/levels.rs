@@ -42,22 +42,22 @@ impl Level {
     }
 }
 
-/// `at_each_level! { fn name(arguments) -> Result = body }` is a function `name(level, arguments)` that runs `body`, which must be
-/// `#[inline(always)]`, compiled for the level.
+/// `at_each_level! { fn name(arguments) -> Result = body[8, 4, 2] }` is a function `name(level, arguments)` that runs `body::<W>`, which must be
+/// `#[inline(always)]`, compiled for the level; `W` of AVX-512, AVX2 and the baseline stand in brackets behind it.
 macro_rules! at_each_level {
-    ($(#[$attribute:meta])* $visibility:vis fn $name:ident($($argument:ident: $type:ty),*) -> $result:ty = $body:path) => {
+    ($(#[$attribute:meta])* $visibility:vis fn $name:ident($($argument:ident: $type:ty),*) -> $result:ty = $body:ident[$wide:literal, $middle:literal, $narrow:literal]) => {
         $(#[$attribute])*
         #[allow(unsafe_code)] // without vector instructions it is slower by the factor that `rate_of_each_level` measures
         $visibility fn $name(level: $crate::dense::levels::Level, $($argument: $type),*) -> $result {
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx512dq,avx512vl,fma,bmi2")]
             fn avx512($($argument: $type),*) -> $result {
-                $body($($argument),*)
+                $body::<$wide>($($argument),*)
             }
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma,bmi2")]
             fn avx2($($argument: $type),*) -> $result {
-                $body($($argument),*)
+                $body::<$middle>($($argument),*)
             }
             match level.0 {
                 // SAFETY: a `Level` is only made where the features that the function is compiled for were found.
@@ -66,7 +66,7 @@ macro_rules! at_each_level {
                 // SAFETY: as above.
                 #[cfg(target_arch = "x86_64")]
                 $crate::dense::levels::Set::Avx2 => unsafe { avx2($($argument),*) },
-                $crate::dense::levels::Set::Baseline => $body($($argument),*),
+                $crate::dense::levels::Set::Baseline => $body::<$narrow>($($argument),*),
             }
         }
     };
