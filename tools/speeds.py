@@ -8,6 +8,7 @@ disturbs least; with `--wall` it is time by the clock, for an idle machine. Medi
 """
 
 import argparse
+import json
 import resource
 import statistics
 import subprocess
@@ -20,7 +21,8 @@ DEGREES = "0:90:1"
 SPACE = ["bake-brdf", "paper", "--solver", "doubling", "--azimuth", "space"]
 PLANE = ["bake-brdf", "paper", "--solver", "doubling", "--azimuth", "decay"]
 LOBE = ["--effects", "surface,blur,azimuth"]
-# By name: the command; `TABLE` is a table of the paper's pearl, `OUT` a file or folder to write.
+FILMS = ["--members", "64", "--angles-deg", "0:89:1", "--wavelengths-nm", "380:780:401"]
+# By name: the command; `TABLE` is a table of the paper's pearl, `OUT` a file or folder to write, other capitals are recipes.
 CASES = {
     "preview, all pictures": ["pearl", "preview", "TABLE", "-o", "OUT"],
     "space, 91 incidences, 0.1 %": [*SPACE, *LOBE, "--accuracy", "0.1", "--incident-deg", DEGREES, "-o", "OUT.exr"],
@@ -29,8 +31,22 @@ CASES = {
     "akoya": ["bake-brdf", "akoya", "--solver", "doubling", "-o", "OUT.exr"],
     "golden": ["bake-brdf", "golden", "--solver", "doubling", "-o", "OUT.exr"],
     "plan of 10,000 layers": ["bake-brdf", "plan", "DEEP", "--solver", "walk"],
+    "64 irregular stacks, clear": ["thinfilm", "spectrum", "CLEAR", *FILMS],
+    "64 irregular stacks, absorbing": ["thinfilm", "spectrum", "ABSORBING", *FILMS],
 }
-DEEP = '{"stack": {"layers": 10000}, "facets": {"slope_sd_deg": 0.2}}'
+
+
+def irregular(k: float) -> str:
+    """Recipe of the paper's stack with thicknesses that differ by 3 %, each layer with an extinction coefficient."""
+    layers = {"aragonite": {"k": k, "thickness_sd_nm": 13.5}, "conchiolin": {"k": k, "thickness_sd_nm": 0.75}}
+    return json.dumps({"stack": layers})
+
+
+RECIPES = {
+    "DEEP": '{"stack": {"layers": 10000}, "facets": {"slope_sd_deg": 0.2}}',
+    "CLEAR": irregular(0.0),
+    "ABSORBING": irregular(1e-3),
+}
 
 
 def seconds(command: list[str], wall: bool) -> float:
@@ -58,11 +74,13 @@ def main() -> None:
         sys.exit(f"--only {args.only}: no such case; they are {', '.join(CASES)}")
     print("| case | before, s | after, s | after / before |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
-        table, deep, out = (Path(folder) / name for name in ("table.exr", "deep.json", "out"))
-        deep.write_text(DEEP)
+        table, out = Path(folder) / "table.exr", Path(folder) / "out"
+        places = {"TABLE": table, "OUT": out, "OUT.exr": out.with_suffix(".exr")}
+        for name, recipe in RECIPES.items():
+            places[name] = Path(folder) / f"{name.lower()}.json"
+            places[name].write_text(recipe)
         bake = [args.old / "bake-brdf", "paper", "--solver", "doubling", "--accuracy", "1", "-o", table]
         seconds([str(part) for part in bake], args.wall)
-        places = {"TABLE": table, "DEEP": deep, "OUT": out, "OUT.exr": out.with_suffix(".exr")}
         for name, (tool, *rest) in cases.items():
             took: dict[Path, list[float]] = {args.old: [], args.new: []}
             for _ in range(args.rounds):

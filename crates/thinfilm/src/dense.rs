@@ -1,6 +1,6 @@
 //! Many wavelengths × angles × both polarisations of one stack at once.
 //!
-//! Sixteen wavelengths go through the layers together in vector registers, tiles of them over all threads. A stack that
+//! Sixteen wavelengths make a tile, as many of them as the registers hold go through the layers together, tiles over all threads. A stack that
 //! neither absorbs nor traps light (all kz real) is a product of real rotations: no division, no complex arithmetic.
 //! All others go as complex amplitudes with decaying exponentials only. Each lane carries an estimate of its own
 //! rounding error; where it exceeds 1e-13 (a resonance of high quality, a layer near its critical angle, in
