@@ -28,7 +28,7 @@ def main():
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=pathlib.Path, default=ROOT / "docs" / "images" / "simulator.jpg")
     parser.add_argument("--recipe", default="akoya-rg")
-    parser.add_argument("--samples", type=int, default=512, help="samples a pixel of the pearl")
+    parser.add_argument("--samples", type=int, default=128, help="samples a pixel of the pearl")
     options = parser.parse_args()
     server = subprocess.Popen([Tools("").path("pearl"), "studio", options.recipe, "--no-browser"], stdout=subprocess.PIPE, text=True)
     try:
