@@ -4,10 +4,12 @@
     python tools/speeds.py OLD NEW --only preview   one case
 
 Each case runs with the old build and the new one in turn. What is compared is processor time, which other work on the machine
-disturbs least; with `--wall` it is time by the clock, for an idle machine. Medians of the rounds, as a Markdown table.
+disturbs least; with `--wall` it is time by the clock, for an idle machine. Medians of the rounds, as a Markdown table. Always by the
+clock are the studio's first picture and the BSDF, which wants `cargo build --release -p pearl-bsdf --example rate` in both builds.
 """
 
 import argparse
+import http.client
 import json
 import resource
 import statistics
@@ -15,6 +17,8 @@ import subprocess
 import sys
 import tempfile
 import time
+import urllib.parse
+from collections.abc import Callable
 from pathlib import Path
 
 DEGREES = "0:90:1"
@@ -30,6 +34,7 @@ CASES = {
     "plane, 0.01 %": [*PLANE, "--accuracy", "0.01", "-o", "OUT.exr"],
     "akoya": ["bake-brdf", "akoya", "--solver", "doubling", "-o", "OUT.exr"],
     "golden": ["bake-brdf", "golden", "--solver", "doubling", "-o", "OUT.exr"],
+    "arrays of golden": ["lut", "export", "GOLDEN", "--to", "arrays", "-o", "OUT.npz"],
     "plan of 10,000 layers": ["bake-brdf", "plan", "DEEP", "--solver", "walk"],
     "64 irregular stacks, clear": ["thinfilm", "spectrum", "CLEAR", *FILMS],
     "64 irregular stacks, absorbing": ["thinfilm", "spectrum", "ABSORBING", *FILMS],
@@ -47,6 +52,16 @@ RECIPES = {
     "CLEAR": irregular(0.0),
     "ABSORBING": irregular(1e-3),
 }
+FIRST_PICTURE = "studio, recipe to arrays of the first picture"
+# By name: the table, and what `rate` prints of it.
+RATES = {
+    f"{what}, {how} at a call, {where}": (table, f"{what}_{key}ns")
+    for where, table in {"plane": "TABLE", "space": "SPACE"}.items()
+    for how, key in {"a pair": "one_", "many": ""}.items()
+    for what in ("eval", "pdf", "sample")
+}
+# Few enough pairs that a round is seldom interrupted.
+PAIRS = 1500
 
 
 def seconds(command: list[str], wall: bool) -> float:
@@ -60,6 +75,51 @@ def seconds(command: list[str], wall: bool) -> float:
     return time.monotonic() - start if wall else spent
 
 
+def first_picture(build: Path, round_: int) -> float:
+    """Seconds by the clock that `pearl studio` says it took from a recipe to prepared arrays, coarse; warm."""
+    server = subprocess.Popen([build / "pearl", "studio", "paper", "--no-browser"], stdout=subprocess.PIPE, text=True)
+    try:
+        url = urllib.parse.urlsplit(server.stdout.readline().strip() if server.stdout else "")
+        token = url.fragment.removeprefix("token=")
+
+        def baked(thickness_nm: float) -> float:
+            recipe = {"stack": {"aragonite": {"thickness_nm": thickness_nm}}, "look": {"depth": 0.5, "coherence": 0.5}}
+            connection = http.client.HTTPConnection(url.hostname or "", url.port)
+            body = json.dumps({"recipe": recipe, "quality": "coarse"})
+            connection.request("POST", "/api/bake", body, {"X-Nacre-Token": token})
+            answer = connection.getresponse()
+            said = answer.read()
+            if answer.status != 200:
+                sys.exit(f"{build}/pearl studio: {said.decode(errors='replace')}")
+            return float(answer.headers["x-nacre-seconds"])
+
+        baked(400.0)
+        return statistics.median(baked(401.0 + 10 * round_ + k) for k in range(5))
+    finally:
+        server.terminate()
+        server.wait()
+
+
+def rate(build: Path, table: Path, key: str) -> float:
+    """Nanoseconds a pair."""
+    tool = build / "examples" / "rate"
+    if not tool.is_file():
+        sys.exit(f"{tool}: is not there; `cargo build --release -p pearl-bsdf --example rate` makes it")
+    done = subprocess.run([tool, table, str(PAIRS)], check=True, capture_output=True, text=True)
+    return json.loads(done.stdout)[key]
+
+
+def compare(name: str, unit: str, builds: list[Path], rounds: int, measure: Callable[[Path, int], float]) -> None:
+    """Prints a row."""
+    took: dict[Path, list[float]] = {build: [] for build in builds}
+    for round_ in range(rounds):
+        for build, runs in took.items():
+            runs.append(measure(build, round_))
+    old, new = (statistics.median(runs) for runs in took.values())
+    digits = 2 if unit == "s" else 0
+    print(f"| {name} | {old:.{digits}f} {unit} | {new:.{digits}f} {unit} | {new / old:.2f} |", flush=True)
+
+
 def main() -> None:
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -69,26 +129,34 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3, help="runs of each (default: %(default)s)")
     parser.add_argument("--wall", action="store_true", help="time by the clock in place of processor time")
     args = parser.parse_args()
-    cases = {name: command for name, command in CASES.items() if args.only in name}
-    if not cases:
-        sys.exit(f"--only {args.only}: no such case; they are {', '.join(CASES)}")
-    print("| case | before, s | after, s | after / before |\n|---|---|---|---|")
+    names = [name for name in (*CASES, FIRST_PICTURE, *RATES) if args.only in name]
+    if not names:
+        sys.exit(f"--only {args.only}: no such case; they are {', '.join((*CASES, FIRST_PICTURE, *RATES))}")
+    builds = [args.old.resolve(), args.new.resolve()]
     with tempfile.TemporaryDirectory() as folder:
-        table, out = Path(folder) / "table.exr", Path(folder) / "out"
-        places = {"TABLE": table, "OUT": out, "OUT.exr": out.with_suffix(".exr")}
+        places = {"OUT": "out", "OUT.exr": "out.exr", "OUT.npz": "out.npz"}
+        places |= {"TABLE": "table.exr", "SPACE": "space.exr", "GOLDEN": "golden.exr"}
+        places = {part: Path(folder) / name for part, name in places.items()}
         for name, recipe in RECIPES.items():
             places[name] = Path(folder) / f"{name.lower()}.json"
             places[name].write_text(recipe)
-        bake = [args.old / "bake-brdf", "paper", "--solver", "doubling", "--accuracy", "1", "-o", table]
-        seconds([str(part) for part in bake], args.wall)
-        for name, (tool, *rest) in cases.items():
-            took: dict[Path, list[float]] = {args.old: [], args.new: []}
-            for _ in range(args.rounds):
-                for build, runs in took.items():
-                    command = [str(build / tool), *(str(places.get(part, part)) for part in rest), "-q"]
-                    runs.append(seconds(command, args.wall))
-            old, new = (statistics.median(runs) for runs in took.values())
-            print(f"| {name} | {old:.2f} | {new:.2f} | {new / old:.2f} |", flush=True)
+        tables = {"TABLE": PLANE, "SPACE": SPACE, "GOLDEN": ["bake-brdf", "golden", "--solver", "doubling"]}
+        wanted = {part for name in names for part in (*CASES.get(name, ()), RATES.get(name, ("",))[0])} & tables.keys()
+        for part in sorted(wanted):
+            tool, *rest = tables[part]
+            seconds([str(builds[0] / tool), *rest, "--accuracy", "1", "-q", "-o", str(places[part])], args.wall)
+        print("| case | before | after | after / before |\n|---|---|---|---|")
+        for name in names:
+            if name in CASES:
+                tool, *rest = (str(places.get(part, part)) for part in CASES[name])
+                run = lambda build, _, tool=tool, rest=rest: seconds([str(build / tool), *rest, "-q"], args.wall)
+                compare(name, "s", builds, args.rounds, run)
+            elif name == FIRST_PICTURE:
+                compare(name, "ms", builds, args.rounds, lambda build, round_: 1e3 * first_picture(build, round_))
+            else:
+                part, key = RATES[name]
+                run = lambda build, _, table=places[part], key=key: rate(build, table, key)
+                compare(name, "ns", builds, 3 * args.rounds, run)
 
 
 if __name__ == "__main__":

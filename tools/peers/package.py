@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The package `nacre` side by side with other Python packages for thin films and with the library it is made of, in one run, one thread.
 
-    cargo build --release -p pearl-bsdf --example many_rate
+    cargo build --release -p pearl-bsdf --example rate
     pip install ./crates/python tmm==0.2.0 PyMoosh==4.0.1
     pip install --no-deps tmm-fast==0.3.0    # needs PyTorch: pip install torch, or Debian's python3-torch and "numpy<2"
     python3 tools/peers/package.py
@@ -29,7 +29,7 @@ import numpy as np  # noqa: E402
 import nacre  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-RATE = ROOT / "target/release/examples/many_rate"
+RATE = ROOT / "target/release/examples/rate"
 PAIRS = 200_000
 ROUNDS = 5
 # Largest difference of R that a peer may have.

@@ -464,7 +464,7 @@ fn coherent(
     let stack = wave_stack(recipe, wanted);
     let effort = Effort::of_coherent(stop, &stack, &transport, delta_e00, beyond(recipe, wanted))?;
     let of = |theta_deg: &[f64]| reflected(stop, &stack, &transport, theta_deg, effort.sampling());
-    let Curve { theta_deg, rows, error } = curve(effort.theta_deg.clone(), delta_e00, of)?;
+    let Curve { theta_deg, rows, error } = curve(&effort, delta_e00, of)?;
     let angles = radians(&theta_deg);
     let incoherent: Vec<f64> =
         angles.par_iter().map(|theta| incoherent_reflectance(&transport, *theta)).collect();
@@ -506,7 +506,7 @@ fn emission(
     let of = |theta_deg: &[f64]| {
         modulation::emission(stop, &stack, profile, &radians(theta_deg), effort.sampling())
     };
-    let Curve { theta_deg, rows, error } = curve(effort.theta_deg.clone(), delta_e00, of)?;
+    let Curve { theta_deg, rows, error } = curve(&effort, delta_e00, of)?;
     let (radiance, radiance_rgb) = columns(&rows);
     let scalable = Scalable {
         theta_deg: theta_deg.clone(),
@@ -529,13 +529,17 @@ struct Curve {
     error: ColourError,
 }
 
-/// A colour at angles from `first` on, more where reading between them misses more than its share of a colour difference.
+/// A colour at the angles of an effort, more where reading between them misses more than its share of a colour difference.
 fn curve(
-    first: Vec<f64>,
+    effort: &Effort,
     delta_e00: f64,
     of: impl Fn(&[f64]) -> Result<Vec<Banded>, StackError>,
 ) -> Result<Curve, StackError> {
-    let mut nodes: Vec<(f64, Banded)> = first.iter().copied().zip(of(&first)?).collect();
+    let mut nodes: Vec<(f64, Banded)> = PILOT_DEG.into_iter().zip(effort.pilot.iter().cloned()).collect();
+    let first = effort.theta_deg.iter().copied();
+    let others: Vec<f64> = first.filter(|theta| nodes.iter().all(|(known, _)| known != theta)).collect();
+    nodes.extend(others.iter().copied().zip(of(&others)?));
+    nodes.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut missed = missed_between(&nodes);
     for _ in 0..ANGLE_ROUNDS {
         let wide = |i: &usize| nodes[*i].0 < JUDGED_DEG && missed[*i] > ANGLES_SHARE * delta_e00;
@@ -662,6 +666,8 @@ struct Effort {
     members: f64,
     /// As [`Sampling::beyond`].
     beyond: [usize; 2],
+    /// The colour at [`PILOT_DEG`], sampled so; nothing where it was sampled otherwise.
+    pilot: Vec<Banded>,
 }
 
 impl Effort {
@@ -676,7 +682,7 @@ impl Effort {
         let step = if stack.is_irregular() { STEP_DEG } else { FINE_STEP_DEG };
         let pilot = |sampling| reflected(stop, stack, transport, &PILOT_DEG, sampling);
         let per_band = if stack.is_irregular() { IRREGULAR_PER_BAND[0] } else { REGULAR_PER_BAND };
-        let first = Self { theta_deg: angles_deg(step), per_band, members: 1.0, beyond };
+        let first = Self { theta_deg: angles_deg(step), per_band, members: 1.0, beyond, pilot: Vec::new() };
         first.chosen(stack, reflectance_price(stack), delta_e00, pilot)
     }
 
@@ -690,7 +696,8 @@ impl Effort {
     ) -> Result<Self, SpectraError> {
         let pilot = |sampling| modulation::emission(stop, stack, profile, &radians(&PILOT_DEG), sampling);
         let per_band = IRREGULAR_PER_BAND[1];
-        let first = Self { theta_deg: angles_deg(STEP_DEG), per_band, members: 1.0, beyond };
+        let first =
+            Self { theta_deg: angles_deg(STEP_DEG), per_band, members: 1.0, beyond, pilot: Vec::new() };
         first.chosen(stack, field_price(stack, profile), delta_e00, pilot)
     }
 
@@ -715,19 +722,23 @@ impl Effort {
             effort.members = members.clamp(fewest, enough).floor();
         }
         // Fringes that all members share take more wavelengths; what is noise takes more members.
-        let noise = loop {
+        let (noise, rows) = loop {
             let rows = pilot(effort.sampling())?;
             let worst = |of: &dyn Fn(&Banded) -> Option<f64>| rows.iter().filter_map(of).fold(0.0, f64::max);
             let (noise, change) = (worst(&|row| row.noise), worst(&|row| row.change));
             if change <= aim.max(noise) || 2.0 * effort.per_band > affordable.min(FINEST) {
-                break noise;
+                break (noise, rows);
             }
             effort.per_band *= 2.0;
         };
+        let piloted = effort.members;
         if stack.is_irregular() {
             let [fewest, most] = MEMBERS;
             let wanted = (effort.members * (noise / aim).powi(2)).ceil();
             effort.members = wanted.min((affordable / effort.per_band).floor()).clamp(fewest, most);
+        }
+        if effort.members == piloted {
+            effort.pilot = rows;
         }
         Ok(effort)
     }
@@ -1002,9 +1013,12 @@ mod tests {
             let of = |theta_deg: &[f64], sampling| {
                 reflected(&NEVER, &stack, &transport, theta_deg, sampling).unwrap()
             };
-            let curve =
-                curve(effort.theta_deg.clone(), asked, |theta_deg| Ok(of(theta_deg, effort.sampling())))
-                    .unwrap();
+            if !effort.pilot.is_empty() {
+                // What is taken of the pilot is what would be solved again.
+                assert_eq!(effort.pilot, of(&PILOT_DEG, effort.sampling()), "{recipe:?}");
+            }
+            assert!(stack.is_irregular() || !effort.pilot.is_empty(), "{recipe:?}");
+            let curve = curve(&effort, asked, |theta_deg| Ok(of(theta_deg, effort.sampling()))).unwrap();
             let ColourError { sampling, angles, bands } = curve.error;
             let said = sampling.unwrap().hypot(angles);
             assert!(said + bands <= 1.5 * asked, "{recipe:?}: {:?} of {asked}", curve.error);

@@ -110,6 +110,9 @@ pub enum BsdfError {
         /// Scales that there are: 1 and 1 of a table of one thickness.
         range: [f64; 2],
     },
+    /// It is not wanted any more.
+    #[error("stopped")]
+    Stopped,
     /// The table itself is not valid.
     #[error(transparent)]
     Table(#[from] lut_io::FieldError),

@@ -4,11 +4,12 @@ mod made_up;
 
 use lut_io::table::Table;
 use made_up::{direction, dispersed, random_controls, with_spectra};
-use pearl_bsdf::{Array, PearlBsdf, Prepared};
+use pearl_bsdf::{Array, BsdfError, PearlBsdf, Prepared};
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 use std::collections::HashMap;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 fn tables() -> Vec<Table> {
     let incidences: Vec<f64> = (0..=9).map(|i| 10.0 * f64::from(i)).collect();
@@ -29,6 +30,16 @@ fn every_array_has_a_name_of_its_own_and_as_many_finite_numbers_as_its_shape_say
             assert_eq!(values.len(), shape.iter().product::<usize>(), "{name} {shape:?}");
             assert!(values.iter().all(|x| x.is_finite()), "{name}");
         }
+    }
+}
+
+#[test]
+fn what_is_not_wanted_any_more_is_not_prepared() {
+    let table = specimen::plane(&[0.0, 60.0], 32);
+    for spectral in [false, true] {
+        let stopped = Prepared::unless(&AtomicBool::new(true), table.clone(), spectral);
+        assert!(matches!(stopped, Err(BsdfError::Stopped)));
+        assert!(Prepared::unless(&AtomicBool::new(false), table.clone(), spectral).is_ok());
     }
 }
 

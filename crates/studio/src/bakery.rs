@@ -6,7 +6,7 @@ use bake_brdf::effects::{Effect, Setting, View};
 use bake_brdf::options::{Options, SolverChoice, Target};
 use bake_brdf::recipe::{AzimuthMode, Look, Recipe};
 use lut_io::table::Table;
-use pearl_bsdf::{Array, Prepared};
+use pearl_bsdf::{Array, BsdfError, Prepared};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -185,11 +185,11 @@ pub(crate) fn bake(order: &Order, stop: &AtomicBool) -> Answer {
     let table = Arc::new(bake::bake(&request, &Observer { stop, ..Observer::idle() })?);
     clock.stop("bake");
     go_on()?;
-    let prepared = match order.quality {
-        Quality::Coarse => Prepared::of_rgb(Arc::clone(&table)),
-        Quality::Fine => Prepared::new(Arc::clone(&table)),
-    };
-    let prepared = Arc::new(prepared.map_err(|error| Unbaked::Refused(error.to_string()))?);
+    let prepared = Prepared::unless(stop, Arc::clone(&table), order.quality == Quality::Fine);
+    let prepared = Arc::new(prepared.map_err(|error| match error {
+        BsdfError::Stopped => Unbaked::Overtaken,
+        error => Unbaked::Refused(error.to_string()),
+    })?);
     let errors = match order.quality {
         Quality::Coarse => Vec::new(),
         Quality::Fine => errors::arrays(&table).into(),

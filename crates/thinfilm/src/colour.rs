@@ -42,17 +42,36 @@ pub fn wavelengths(count: usize) -> Vec<f64> {
 /// XYZ of a reflectance sampled at [`wavelengths`] of its length, under D65, by the trapezoid rule.
 #[must_use]
 pub fn xyz(reflectance: &[f64]) -> Xyz {
-    let (mut sum, mut white) = ([0.0; 3], 0.0);
-    let last = reflectance.len().saturating_sub(1);
-    for (at, (wavelength, r)) in wavelengths(reflectance.len()).into_iter().zip(reflectance).enumerate() {
-        let share = if at == 0 || at == last { 0.5 } else { 1.0 };
-        let weight = weights(wavelength);
-        for (sum, w) in sum.iter_mut().zip(weight) {
-            *sum += share * w * r;
-        }
-        white += share * weight[1];
+    Observer::new(reflectance.len()).xyz(reflectance)
+}
+
+/// What makes [`xyz`] of spectra of one length.
+#[derive(Clone, Debug)]
+pub(crate) struct Observer {
+    /// Of the wavelengths, with their shares of the trapezoid rule.
+    weights: Vec<Xyz>,
+    /// Luminance of a perfect reflector.
+    white: f64,
+}
+
+impl Observer {
+    pub(crate) fn new(count: usize) -> Self {
+        let share = |at: usize| if at == 0 || at + 1 == count { 0.5 } else { 1.0 };
+        let weight = |(at, wavelength): (usize, f64)| weights(wavelength).map(|weight| share(at) * weight);
+        let weights: Vec<Xyz> = wavelengths(count).into_iter().take(count).enumerate().map(weight).collect();
+        let white = weights.iter().map(|weight| weight[1]).sum();
+        Self { weights, white }
     }
-    sum.map(|s| s / white)
+
+    pub(crate) fn xyz(&self, reflectance: &[f64]) -> Xyz {
+        let mut sum = [0.0; 3];
+        for (weight, r) in self.weights.iter().zip(reflectance) {
+            for (sum, weight) in sum.iter_mut().zip(weight) {
+                *sum += weight * r;
+            }
+        }
+        sum.map(|sum| sum / self.white)
+    }
 }
 
 /// Linear sRGB (IEC 61966-2-1), not clipped: interference colours may lie outside the gamut.

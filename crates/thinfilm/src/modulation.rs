@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::colour::{self, Xyz};
+use crate::colour::{self, Observer, Xyz};
 use crate::emission::{self, SourceProfile};
 use crate::stack::{Stack, StackError};
 use crate::{dense, ensemble};
@@ -170,6 +170,11 @@ struct Means {
     colours: Vec<Vec<Xyz>>,
     /// Whether the stack is its own ensemble.
     is_irregular: bool,
+    /// Of the visible wavelengths, and of every second one.
+    observer: Observer,
+    every_second: Observer,
+    /// Linear sRGB of a perfect reflector.
+    white: [f64; 3],
 }
 
 impl Banded {
@@ -192,17 +197,22 @@ impl Means {
     ) -> Result<Self, StackError> {
         let members = ensemble::count(stack, sampling.members);
         let share = 1.0 / members as f64;
+        let visible = sampling.bands * sampling.per_band + 1;
+        let observer = Observer::new(visible);
         let mut means = Self {
             mean: vec![vec![0.0; sampling.all_bands() * sampling.per_band + 1]; angles],
             colours: vec![Vec::new(); angles],
             is_irregular: stack.is_irregular(),
+            white: colour::linear_srgb(observer.xyz(&vec![1.0; visible])),
+            every_second: Observer::new(visible.div_ceil(2)),
+            observer: observer.clone(),
         };
         let of = |member: &Stack| -> Result<Vec<(Vec<f64>, Xyz)>, StackError> {
             if stop.load(Ordering::Relaxed) {
                 return Err(StackError::Stopped);
             }
             let with_colour = |row: Vec<f64>| {
-                let colour = colour::xyz(sampling.visible(&row));
+                let colour = observer.xyz(sampling.visible(&row));
                 (row, colour)
             };
             Ok(of_member(member)?.into_iter().map(with_colour).collect())
@@ -218,20 +228,20 @@ impl Means {
         Ok(means)
     }
 
-    /// [`Banded::noise`] at an angle, in some unit.
-    fn noise(&self, visible: &[f64], at: usize, unit: f64) -> Option<f64> {
+    /// [`Banded::noise`] at an angle of this mean colour, in some unit.
+    fn noise(&self, mean: Xyz, at: usize, unit: f64) -> Option<f64> {
         let scaled = |xyz: &Xyz| xyz.map(|x| x / unit);
         let colours: Vec<Xyz> = self.colours[at].iter().map(scaled).collect();
-        let mean = scaled(&colour::xyz(visible));
-        colour::standard_error(&colours, mean, self.is_irregular).map(|error| 2.0 * error)
+        colour::standard_error(&colours, scaled(&mean), self.is_irregular).map(|error| 2.0 * error)
     }
 
-    /// [`Banded::change`] of a visible spectrum, in some unit.
-    fn change(row: &[f64], unit: f64) -> Option<f64> {
+    /// [`Banded::change`] of a visible spectrum of this colour, in some unit.
+    fn change(&self, row: &[f64], mean: Xyz, unit: f64) -> Option<f64> {
         // Both ends are among every second one.
         let every_second: Vec<f64> = row.iter().step_by(2).copied().collect();
-        let lab = |row: &[f64]| colour::lab(colour::xyz(row).map(|x| x / unit));
-        (row.len() > 2 && row.len() % 2 == 1).then(|| colour::delta_e_2000(lab(row), lab(&every_second)))
+        let lab = |xyz: Xyz| colour::lab(xyz.map(|x| x / unit));
+        let half = || colour::delta_e_2000(lab(mean), lab(self.every_second.xyz(&every_second)));
+        (row.len() > 2 && row.len() % 2 == 1).then(half)
     }
 }
 
@@ -285,15 +295,15 @@ impl Sampling {
     fn banded(&self, means: &Means, ends: &[Scaled], at: usize, unit: f64, most: f64) -> Banded {
         let whole: Vec<f64> = means.mean[at].iter().map(|value| (value / unit).clamp(0.0, most)).collect();
         let values = self.visible(&whole);
-        let white = colour::linear_srgb(colour::xyz(&vec![1.0; values.len()]));
-        let xyz = colour::xyz(values);
+        let xyz = means.observer.xyz(values);
         let rgb = colour::linear_srgb(xyz);
-        let read = colour::xyz(&self.read_between(&self.band_means(values)));
+        let read = means.observer.xyz(&self.read_between(&self.band_means(values)));
         let visible = self.visible(&means.mean[at]);
-        let change = Means::change(visible, unit);
+        let mean = means.observer.xyz(visible);
+        let change = means.change(visible, mean, unit);
         Banded {
-            rgb: [0, 1, 2].map(|c| (rgb[c] / white[c]).clamp(0.0, most)),
-            noise: means.noise(visible, at, unit),
+            rgb: [0, 1, 2].map(|c| (rgb[c] / means.white[c]).clamp(0.0, most)),
+            noise: means.noise(mean, at, unit),
             change: change.map(|change| ends.iter().map(|end| end.change(&whole)).fold(change, f64::max)),
             between_bands: colour::delta_e_2000(colour::lab(xyz), colour::lab(read)),
             bands: self.band_means(&whole),

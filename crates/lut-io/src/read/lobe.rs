@@ -23,6 +23,7 @@ use crate::model::decay;
 use crate::model::measure::{self, neighbours};
 use crate::model::table::{Component, IncidenceSummary, Table};
 use crate::read::monotone::Monotone;
+use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::sync::Arc;
 
@@ -84,8 +85,8 @@ impl Interpolant {
         let reciprocal = table.meta().reciprocal.is_some();
         let mut this = Self { table, reciprocal, theta_i, azimuth_width, albedo, spans: Vec::new() };
         let steps = steps(this.table.meta().exit_axis.width());
-        this.spans =
-            span_ends(&this.theta_i).windows(2).map(|ends| this.span(ends[0], ends[1], &steps)).collect();
+        let ends = span_ends(&this.theta_i);
+        this.spans = ends.par_windows(2).map(|ends| this.span(ends[0], ends[1], &steps)).collect();
         this
     }
 
@@ -98,14 +99,13 @@ impl Interpolant {
         at.push(to);
         at.sort_by(f64::total_cmp);
         at.dedup();
-        let mut span = Span { at, before: Vec::new(), after: Vec::new() };
-        for theta_i in &span.at {
+        let of = |theta_i: &f64| {
             let width = self.azimuth_width(*theta_i);
             let weights = measure::reading_weights(&self.table.meta().exit_axis, *theta_i, width);
-            span.before.push(integrals(&self.table, before, &weights));
-            span.after.push(integrals(&self.table, after, &weights));
-        }
-        span
+            [before, after].map(|row| integrals(&self.table, row, &weights))
+        };
+        let (before, after) = at.par_iter().map(of).map(|[before, after]| (before, after)).unzip();
+        Span { at, before, after }
     }
 
     /// Hemispherical integrals at θi as read, before the correction.

@@ -1,7 +1,7 @@
 //! Directional albedos, by quadrature.
 
 use super::colours::Viewer;
-use super::{AtBand, PearlBsdf};
+use super::{AtBand, Pair, PearlBsdf};
 use crate::facets::Rules;
 use crate::lobes::integral::{self, COARSE, FINE};
 use crate::numerics::curve::{Curve, Place};
@@ -48,7 +48,8 @@ impl PearlBsdf {
         let mut cut = [[0.0; 3]; 4];
         integral::directions(&self.own().band.lobes, theta_i, COARSE, |o, phi, weight| {
             let wo = [-o.sin * phi.cos(), -o.sin * phi.sin(), o.cos];
-            let parts = self.mixed(|band| band.eval([sin_i, 0.0, cos_i], wo, viewer).parts());
+            let Some(pair) = Pair::new([sin_i, 0.0, cos_i], wo) else { return };
+            let parts = self.mixed(|band| band.eval(&pair, viewer).parts());
             for (cut, part) in cut.iter_mut().flatten().zip(parts.as_flattened()) {
                 *cut += weight * (-part).max(0.0);
             }
@@ -66,7 +67,7 @@ impl AtBand<'_> {
             let factor = self.rgb.lobe_factor(at_i, at_d);
             (0..3).for_each(|c| sum[c] += mass * factor[c]);
         };
-        self.band.facets.integrate_exits(&Rules::new(), cos_i, |mass, cos_d, cos_o| {
+        self.band.facets.integrate(&Rules::new(), cos_i, |mass, cos_d, cos_o| {
             let scale = self.mirror_factor(at_i, Place::of_cos(cos_o), cos_o);
             add(&mut mirror, mass * scale, Place::of_cos(cos_d));
         });

@@ -15,6 +15,7 @@ use crate::prepare::{Band, Prepared};
 pub(crate) use colours::Viewer;
 use colours::{Angles, Channels, Colours, three};
 use lut_io::table::Table;
+use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::FRAC_1_PI;
 use std::sync::{Arc, OnceLock};
 
@@ -68,16 +69,51 @@ pub(crate) struct AtBand<'a> {
     components: Components,
 }
 
-/// What both eval and pdf need of a pair of directions.
-pub(crate) struct Geometry {
+/// A pair of directions above the horizon, with what all bands need of it.
+#[derive(Clone, Copy)]
+pub(crate) struct Pair {
     half: Half,
+    i: Polar,
+    o: Polar,
+    /// sin²(φ/2).
+    y2: f64,
+    at_i: Place,
+    at_o: Place,
+    /// θd.
+    at_d: Place,
+}
+
+/// What both eval and pdf need of a pair of directions at one wavelength of the lobes.
+pub(crate) struct Geometry {
+    pair: Pair,
     /// [`crate::facets::Facets::facing`].
     facing: f64,
     light: Light,
-    at_i: Place,
-    at_o: Place,
-    polar_i: Polar,
-    polar_o: Polar,
+}
+
+impl Pair {
+    #[inline(always)]
+    fn new(wi: Direction, wo: Direction) -> Option<Self> {
+        Some(Self::of(wi, wo, Self::polar(wi, wo)?))
+    }
+
+    /// Polar forms of directions above the horizon.
+    #[inline(always)]
+    fn polar(wi: Direction, wo: Direction) -> Option<[Polar; 2]> {
+        if !(above_horizon(wi) && above_horizon(wo)) {
+            return None;
+        }
+        Some(Polar::of([wi, wo]))
+    }
+
+    /// With their polar form.
+    #[inline(always)]
+    pub(crate) fn of(wi: Direction, wo: Direction, [i, o]: [Polar; 2]) -> Self {
+        let y2 = half_azimuth2(i.azimuth, o.azimuth);
+        let half = Half::new(wi, wo);
+        let [at_i, at_o, at_d] = Place::of_cosines([wi[2], wo[2], half.cos]);
+        Self { half, i, o, y2, at_i, at_o, at_d }
+    }
 }
 
 impl PearlBsdf {
@@ -136,7 +172,7 @@ impl PearlBsdf {
     /// f·cos θo of each shown component in linear sRGB, 1/sr.
     #[must_use]
     pub fn eval(&self, wi: Direction, wo: Direction) -> Evaluation {
-        self.over_bands(|band| band.eval(wi, wo, Viewer::AtExit))
+        self.evaluate(wi, wo, Viewer::AtExit)
     }
 
     /// What a viewer at `view` sees of unit radiance from `light`: f(light → view)·cos θ of the light, linear sRGB, 1/sr.
@@ -146,12 +182,20 @@ impl PearlBsdf {
     /// the emission is read at the viewing angle. [`Self::sample`] and [`Self::pdf`] with wi = view fit.
     #[must_use]
     pub fn eval_seen(&self, view: Direction, light: Direction) -> Evaluation {
-        self.over_bands(|band| band.eval(view, light, Viewer::AtIncidence))
+        self.evaluate(view, light, Viewer::AtIncidence)
+    }
+
+    fn evaluate(&self, wi: Direction, wo: Direction, viewer: Viewer) -> Evaluation {
+        if self.is_dispersed() {
+            let Some(pair) = Pair::new(wi, wo) else { return Evaluation::default() };
+            return self.dispersed(&pair, viewer);
+        }
+        Arch::new().dispatch(Evaluated { pearl: self.own(), wi: &wi, wo: &wo, viewer })
     }
 
     /// Linear sRGB of all bands: each channel takes its share of each lobe.
-    fn over_bands(&self, of: impl Fn(AtBand<'_>) -> Evaluation) -> Evaluation {
-        if self.is_dispersed() { light_of(self.mixed(|band| of(band).parts())) } else { of(self.own()) }
+    fn dispersed(&self, pair: &Pair, viewer: Viewer) -> Evaluation {
+        light_of(self.mixed(|band| band.eval(pair, viewer).parts()))
     }
 
     /// The four components of linear sRGB, each channel with its shares of the bands.
@@ -205,7 +249,7 @@ impl PearlBsdf {
             return wavelengths_nm.iter().map(at).collect();
         }
         let (own, nodes) = (self.own(), self.wavelengths_nm());
-        let Some(geometry) = own.geometry(view, light) else { return vec![0.0; wavelengths_nm.len()] };
+        let Some(geometry) = own.geometry_of(view, light) else { return vec![0.0; wavelengths_nm.len()] };
         let lobes = own.lobes(&geometry);
         let shade = |colours: &Colours| own.shade(colours, &geometry, lobes, Viewer::AtIncidence).rgb();
         // The last group repeats the last channel.
@@ -225,9 +269,10 @@ impl PearlBsdf {
 
     fn shade_at(&self, wi: Direction, wo: Direction, wavelength_nm: f64, viewer: Viewer) -> [f64; 4] {
         let (bands_nm, places) = &self.prepared.by_wavelength;
+        let Some(pair) = Pair::new(wi, wo) else { return [0.0; 4] };
         between_nodes(bands_nm, wavelength_nm, |k| {
             let band = self.band(places[k]);
-            let Some(geometry) = band.geometry(wi, wo) else { return [0.0; 4] };
+            let geometry = band.geometry(&pair);
             let lobes = band.lobes(&geometry);
             between_nodes(self.wavelengths_nm(), wavelength_nm, |channel| {
                 let colours = &self.spectral()[places[k]][channel / 3];
@@ -239,38 +284,32 @@ impl PearlBsdf {
     /// Density with which [`Self::sample`] finds wo, 1/sr.
     #[must_use]
     pub fn pdf(&self, wi: Direction, wo: Direction) -> f64 {
-        self.own().geometry(wi, wo).map_or(0.0, |geometry| self.density(&geometry))
+        Arch::new().dispatch(Density { pearl: self, wi: &wi, wo: &wo })
     }
 
     /// [`Self::eval`] and [`Self::pdf`] for little more than the price of one.
     #[must_use]
     pub fn eval_pdf(&self, wi: Direction, wo: Direction) -> (Evaluation, f64) {
-        let Some(geometry) = self.own().geometry(wi, wo) else { return (Evaluation::default(), 0.0) };
-        self.value_and_density(&geometry, wi, wo)
+        let Some(geometry) = self.own().geometry_of(wi, wo) else { return (Evaluation::default(), 0.0) };
+        (self.value(&geometry, Viewer::AtExit), self.density(&geometry))
     }
 
-    #[inline]
-    pub(crate) fn value_and_density(
-        &self,
-        geometry: &Geometry,
-        wi: Direction,
-        wo: Direction,
-    ) -> (Evaluation, f64) {
+    /// Linear sRGB from the geometry in the table's own band.
+    #[inline(always)]
+    pub(crate) fn value(&self, geometry: &Geometry, viewer: Viewer) -> Evaluation {
         let own = self.own();
-        let value = if self.is_dispersed() {
+        if self.is_dispersed() {
             // The lobe at the table's own wavelength is what is sampled.
-            self.eval(wi, wo)
+            self.dispersed(&geometry.pair, viewer)
         } else {
-            own.shade(own.rgb, geometry, own.lobes(geometry), Viewer::AtExit)
-        };
-        (value, self.density(geometry))
+            own.shade(own.rgb, geometry, own.lobes(geometry), viewer)
+        }
     }
 
     #[inline(always)]
-    fn density(&self, geometry: &Geometry) -> f64 {
-        let Geometry { at_i, polar_i, polar_o, half, facing, light, .. } = geometry;
-        let facets = self.own().band.facets.pdf(polar_i, half, *facing);
-        density_of(&self.chances(*at_i), polar_o.cos, light.densities, facets)
+    pub(crate) fn density(&self, Geometry { pair, facing, light }: &Geometry) -> f64 {
+        let facets = self.own().band.facets.pdf(&pair.i, &pair.half, *facing);
+        density_of(&self.chances(pair.at_i), pair.o.cos, light.densities, facets)
     }
 
     #[inline(always)]
@@ -279,49 +318,96 @@ impl PearlBsdf {
     }
 }
 
+/// [`PearlBsdf::eval`].
+struct Evaluated<'a> {
+    pearl: AtBand<'a>,
+    wi: &'a Direction,
+    wo: &'a Direction,
+    viewer: Viewer,
+}
+
+impl WithSimd for Evaluated<'_> {
+    type Output = Evaluation;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Evaluation {
+        let Self { pearl, wi, wo, viewer } = self;
+        let Some(geometry) = pearl.geometry_of(*wi, *wo) else { return Evaluation::default() };
+        pearl.shade(pearl.rgb, &geometry, pearl.lobes(&geometry), viewer)
+    }
+}
+
+/// [`PearlBsdf::pdf`].
+struct Density<'a> {
+    pearl: &'a PearlBsdf,
+    wi: &'a Direction,
+    wo: &'a Direction,
+}
+
+impl WithSimd for Density<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let Self { pearl, wi, wo } = self;
+        let Some(geometry) = pearl.own().geometry_of(*wi, *wo) else { return 0.0 };
+        pearl.density(&geometry)
+    }
+}
+
+/// [`AtBand::eval`].
+struct OfBand<'a> {
+    pearl: AtBand<'a>,
+    pair: &'a Pair,
+    viewer: Viewer,
+}
+
+impl WithSimd for OfBand<'_> {
+    type Output = Evaluation;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Evaluation {
+        let Self { pearl, pair, viewer } = self;
+        let geometry = pearl.geometry(pair);
+        pearl.shade(pearl.rgb, &geometry, pearl.lobes(&geometry), viewer)
+    }
+}
+
 impl AtBand<'_> {
     /// Linear sRGB of this band alone.
     #[inline(always)]
-    pub(super) fn eval(&self, wi: Direction, wo: Direction, viewer: Viewer) -> Evaluation {
-        let Some(geometry) = self.geometry(wi, wo) else { return Evaluation::default() };
-        self.shade(self.rgb, &geometry, self.lobes(&geometry), viewer)
+    fn eval(&self, pair: &Pair, viewer: Viewer) -> Evaluation {
+        Arch::new().dispatch(OfBand { pearl: *self, pair, viewer })
+    }
+
+    /// The geometry of two directions above the horizon.
+    #[inline(always)]
+    fn geometry_of(&self, wi: Direction, wo: Direction) -> Option<Geometry> {
+        let polar = Pair::polar(wi, wo)?;
+        // First: what is read in the table waits for it.
+        let incidence = self.band.lobes.incidence(&polar[0]);
+        Some(self.geometry_at(&Pair::of(wi, wo, polar), &incidence))
     }
 
     #[inline(always)]
-    fn geometry(&self, wi: Direction, wo: Direction) -> Option<Geometry> {
-        if !(above_horizon(wi) && above_horizon(wo)) {
-            return None;
-        }
-        let [polar_i, polar_o] = Polar::of([wi, wo]);
-        let [at_i, at_o] = Place::of_cosines([wi[2], wo[2]]);
-        let incidence = self.band.lobes.incidence(&polar_i);
-        Some(self.geometry_at(wi, wo, (polar_i, at_i), (polar_o, at_o), incidence))
+    fn geometry(&self, pair: &Pair) -> Geometry {
+        self.geometry_at(pair, &self.band.lobes.incidence(&pair.i))
     }
 
     /// The geometry of an incidence that is known.
     #[inline(always)]
-    pub(crate) fn geometry_at(
-        &self,
-        wi: Direction,
-        wo: Direction,
-        (polar_i, at_i): (Polar, Place),
-        (polar_o, at_o): (Polar, Place),
-        incidence: Incidence,
-    ) -> Geometry {
-        let y2 = half_azimuth2(polar_i.azimuth, polar_o.azimuth);
-        let light = self.band.lobes.light(&incidence, &polar_i, &polar_o, y2);
-        let half = Half::new(wi, wo);
-        let facing = self.band.facets.facing(&half);
-        Geometry { half, facing, light, at_i, at_o, polar_i, polar_o }
+    pub(crate) fn geometry_at(&self, pair: &Pair, incidence: &Incidence) -> Geometry {
+        let light = self.band.lobes.light(incidence, &pair.i, &pair.o, pair.y2);
+        Geometry { pair: *pair, facing: self.band.facets.facing(&pair.half), light }
     }
 
     /// f·cos θo of the lobes short of their colour: mirror and blur.
     #[inline(always)]
     fn lobes(&self, geometry: &Geometry) -> [f64; 2] {
-        let Geometry { half, facing, light, at_i, at_o, polar_o, .. } = geometry;
+        let Geometry { pair, facing, light } = geometry;
         let [interior, rehit] = light.values;
-        let scale = self.mirror_factor(*at_i, *at_o, polar_o.cos);
-        [rehit + self.band.facets.reflection(half, *facing) * scale, interior]
+        let scale = self.mirror_factor(pair.at_i, pair.at_o, pair.o.cos);
+        [rehit + self.band.facets.reflection(&pair.half, *facing) * scale, interior]
     }
 
     /// Factor of the closed-form reflection.
@@ -333,9 +419,9 @@ impl AtBand<'_> {
 
     #[inline(always)]
     fn shade(&self, colours: &Colours, geometry: &Geometry, lobes: [f64; 2], viewer: Viewer) -> Evaluation {
-        let half = Place::of_cos(geometry.half.cos);
-        let angles = Angles { incidence: geometry.at_i, exit: geometry.at_o, half };
-        self.coloured(colours, angles, geometry.polar_o.cos, lobes, viewer)
+        let Pair { at_i, at_o, at_d, o, .. } = geometry.pair;
+        let angles = Angles { incidence: at_i, exit: at_o, half: at_d };
+        self.coloured(colours, angles, o.cos, lobes, viewer)
     }
 
     /// The shown components, from mirror and blur short of their colour.

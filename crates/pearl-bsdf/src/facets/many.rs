@@ -1,7 +1,61 @@
 //! The facets of many pairs at once.
 
-use super::{Ends, FAR, Facets, facet_between, limits, reflected};
+use super::{Ends, FAR, Facets, Rules, SUMMED, facet_between, limits, reflected};
+use crate::numerics::angles::{greatest, least};
 use crate::numerics::lanes::{Directions, LANES, Lane, each};
+use pulp::{Simd, WithSimd};
+
+/// [`Facets::integrate`].
+pub(super) struct Integral<'f, V> {
+    pub(super) facets: &'f Facets,
+    pub(super) rules: &'f Rules,
+    pub(super) cos_i: f64,
+    pub(super) visit: V,
+}
+
+impl<V: FnMut(f64, f64, f64)> WithSimd for Integral<'_, V> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { facets: &facets, rules, cos_i, mut visit } = self;
+        let sin_i = (1.0 - cos_i * cos_i).max(0.0).sqrt();
+        let reach = SUMMED * facets.sigma;
+        let q_end = reach.min(1.0 / cos_i.max(1e-300));
+        let mut points = Vec::new();
+        for &(x, weight) in &rules.across {
+            // Even in q: one half of it, twice.
+            let q = 0.5 * q_end * (1.0 + x);
+            let q2 = q * q;
+            let across = weight * q_end * facets.slope_density(q);
+            let limits = limits(cos_i, sin_i, q2);
+            let (lo, hi) = (limits.lo.max(-reach), limits.hi.min(reach));
+            if lo >= hi {
+                continue;
+            }
+            points.clear();
+            facets.along(rules, cos_i, sin_i, q2, (lo, hi), |p, weight| points.push((p, across * weight)));
+            for points in points.chunks(LANES) {
+                let mut at = [[0.0; LANES]; 2];
+                for (k, (p, weight)) in points.iter().enumerate() {
+                    (at[0][k], at[1][k]) = (*p, *weight);
+                }
+                let [mass, cos, cos_o] = each!(p = at[0], weight = at[1] => {
+                    let slant = 1.0 + p * p + q2;
+                    let projected = cos_i - p * sin_i;
+                    let cos = least(greatest(projected / slant.sqrt(), 0.0), 1.0);
+                    let seen = if facets.visible { projected } else { 1.0 };
+                    let mass = weight * facets.slope_density(p) * seen;
+                    // wo = 2(wi·m)m − wi.
+                    [mass * facets.fresnel(cos), cos, greatest(2.0 * projected / slant - cos_i, 0.0)]
+                });
+                for k in 0..points.len() {
+                    visit(mass[k], cos[k], cos_o[k]);
+                }
+            }
+        }
+    }
+}
 
 /// [`Ends`] of every lane, with the probabilities of more than them.
 pub(crate) struct Ranges {

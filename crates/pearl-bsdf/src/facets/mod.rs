@@ -13,6 +13,7 @@ use crate::numerics::normal::{of_upper_tail, upper_tail};
 use crate::numerics::quadrature::gauss_legendre;
 use crate::numerics::single::exp;
 use lut_io::table::{Normals, SurfaceModel};
+use pulp::Arch;
 use std::f64::consts::TAU;
 
 /// Narrowest facets that are evaluated, radians: a renderer cannot meet a delta lobe by evaluation.
@@ -150,39 +151,14 @@ impl Facets {
         if self.visible { reflected * (half.cos * half.steep) } else { reflected }
     }
 
-    /// ∫ [`Self::reflection`] over the exit hemisphere, handed out piece by piece as (mass, cos θd).
-    pub(crate) fn integrate(&self, rules: &Rules, cos_i: f64, mut visit: impl FnMut(f64, f64)) {
-        self.integrate_exits(rules, cos_i, |mass, cos, _| visit(mass, cos));
-    }
-
-    /// The same with cos θo: (mass, cos θd, cos θo).
-    pub(crate) fn integrate_exits(&self, rules: &Rules, cos_i: f64, mut visit: impl FnMut(f64, f64, f64)) {
-        let sin_i = (1.0 - cos_i * cos_i).max(0.0).sqrt();
-        let q_end = (SUMMED * self.sigma).min(1.0 / cos_i.max(1e-300));
-        for &(x, weight) in &rules.across {
-            // Even in q: one half of it, twice.
-            let q = 0.5 * q_end * (1.0 + x);
-            let across = weight * q_end * self.slope_density(q);
-            let limits = limits(cos_i, sin_i, q * q);
-            let (lo, hi) = (limits.lo.max(-SUMMED * self.sigma), limits.hi.min(SUMMED * self.sigma));
-            if lo >= hi {
-                continue;
-            }
-            self.integrate_along(rules, cos_i, sin_i, q * q, (lo, hi), |p, weight| {
-                let slant = 1.0 + p * p + q * q;
-                let projected = cos_i - p * sin_i;
-                let cos = (projected / slant.sqrt()).clamp(0.0, 1.0);
-                let seen = if self.visible { projected } else { 1.0 };
-                let mass = weight * across * self.slope_density(p) * seen;
-                // wo = 2(wi·m)m − wi.
-                visit(mass * self.fresnel(cos), cos, (2.0 * projected / slant - cos_i).max(0.0));
-            });
-        }
+    /// ∫ [`Self::reflection`] over the exit hemisphere, handed out piece by piece as (mass, cos θd, cos θo).
+    pub(crate) fn integrate(&self, rules: &Rules, cos_i: f64, visit: impl FnMut(f64, f64, f64)) {
+        Arch::new().dispatch(many::Integral { facets: self, rules, cos_i, visit });
     }
 
     /// Points p with weights along one q. Where light may be reflected totally, the reflectance has the slope of a root beside the
     /// critical angle: pieces end there, and points crowd towards it as their squares.
-    fn integrate_along(
+    fn along(
         &self,
         rules: &Rules,
         cos_i: f64,
@@ -222,17 +198,16 @@ impl Facets {
 
     /// A direction above the horizon: slopes from the normal distribution cut to the disc of the module's head. Where no facet
     /// sends light there, what is found is no direction.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn sample(&self, wi: Direction, at: &Polar, u: f64, v: f64) -> Direction {
         let q = self.slope_between(-1.0 / at.cos, 1.0 / at.cos, u);
         let limits = limits(at.cos, at.sin, q * q);
         reflected(wi, at.azimuth, (self.slope_between(limits.lo, limits.hi, v), q))
     }
 
-    #[inline]
+    #[inline(always)]
     fn slope_density(&self, slope: f64) -> f64 {
-        let x = slope / self.sigma;
-        (-0.5 * x * x).exp() / (TAU.sqrt() * self.sigma)
+        f64::from(exp((self.exponent * slope * slope) as f32)) * self.peak.sqrt()
     }
 
     /// Probability that a slope lies between the limits.
@@ -266,15 +241,14 @@ impl Facets {
     pub(crate) fn fresnel(&self, cos: f64) -> f64 {
         let (cos, ratio) = (cos as f32, self.index_ratio);
         let cos_t2 = 1.0 - (1.0 - cos * cos) * self.inverse_ratio2;
-        if cos_t2 <= 0.0 {
-            return 1.0;
-        }
-        let cos_t = cos_t2.sqrt();
+        let cos_t = greatest(cos_t2, 0.0).sqrt();
         let (s, s_sum) = (cos - ratio * cos_t, cos + ratio * cos_t);
         let (p, p_sum) = (ratio * cos - cos_t, ratio * cos + cos_t);
         // (s/s_sum)² + (p/p_sum)² with one division.
         let (both, crossed) = (s_sum * p_sum, [s * p_sum, p * s_sum]);
-        f64::from(0.5 * (crossed[0] * crossed[0] + crossed[1] * crossed[1]) / (both * both))
+        let partial = 0.5 * (crossed[0] * crossed[0] + crossed[1] * crossed[1]) / (both * both);
+        // A choice and no branch: loops over many pairs stay vectors.
+        f64::from(if cos_t2 > 0.0 { partial } else { 1.0 })
     }
 }
 

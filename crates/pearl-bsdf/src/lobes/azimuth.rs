@@ -27,7 +27,7 @@ pub(crate) fn narrow_decay(x: f32, y2: f32) -> f32 {
 }
 
 /// 1 − e^{−z}, z ≥ 0.
-#[inline]
+#[inline(always)]
 fn one_minus_exp(z: f32) -> f32 {
     if z > 0.1 {
         return 1.0 - exp(-z);

@@ -16,7 +16,7 @@ pub(crate) mod integral;
 pub(crate) mod many;
 
 use crate::numerics::angles::{self, INVERSE_TAU, Polar, greatest, least};
-use crate::numerics::single::{angle, step_of};
+use crate::numerics::single::{angle, step_of, whole};
 use crate::numerics::warp::{Cell, Warp};
 use azimuth::Forward;
 use distribution::Distribution;
@@ -45,7 +45,7 @@ impl Cap {
     #[inline(always)]
     pub(crate) fn theta(&self, area: f64) -> f64 {
         let sin2 = self.half_chord2 * area;
-        2.0 * angles::angle(sin2.sqrt(), (1.0 - sin2).sqrt())
+        2.0 * angles::angle(sin2, (1.0 - sin2).sqrt())
     }
 }
 
@@ -152,8 +152,8 @@ impl Lobes {
     /// The table at an incidence.
     #[inline(always)]
     pub(crate) fn incidence(&self, at: &Polar) -> Incidence {
-        let (span, between) = self.between(at.theta);
         let (columns, moved) = self.columns_at(at.theta);
+        let (span, between) = self.between(at.theta);
         let azimuth = if self.signed() {
             let Span { width, widening, .. } = self.spans[span];
             concentration_of_sine(at.sin, width + between.fraction * widening)
@@ -170,11 +170,10 @@ impl Lobes {
     pub(crate) fn columns_at(&self, theta_i: f64) -> (Warp, f64) {
         let (width, cells) = (self.cell_width, self.columns);
         let lo = if self.signed() { -FRAC_PI_2 } else { 0.0 };
-        let width2 = (width * width) as f32;
-        // √(room² + width²) − room without its cancellation.
-        let withdrawal = |room: f32| width2 / ((room * room + width2).sqrt() + room);
-        let moved = f64::from(withdrawal((theta_i - lo) as f32) - withdrawal((FRAC_PI_2 - theta_i) as f32));
-        (Warp::two_sided(lo, theta_i + moved, FRAC_PI_2, width, self.inverse_width, cells), moved)
+        // θi + (√(below² + width²) − below) − (√(above² + width²) − above), and below + above = π/2 − lo.
+        let far = |room: f64| (room * room + width * width).sqrt();
+        let centre = (far(theta_i - lo) - far(FRAC_PI_2 - theta_i)) + ((lo + FRAC_PI_2) - theta_i);
+        (Warp::two_sided(lo, centre, FRAC_PI_2, width, self.inverse_width, cells), centre - theta_i)
     }
 
     /// Width of the φ cells of space tables at an incidence.
@@ -199,7 +198,7 @@ impl Lobes {
     /// Step of a span's [`SpanCurves`], and how far to the next.
     #[inline(always)]
     fn step_of_span(&self, fraction: f32) -> (usize, f32) {
-        step_of(fraction * self.span_steps as f32, (self.span_steps - 1) as f32)
+        step_of(fraction * whole(self.span_steps), whole(self.span_steps - 1))
     }
 
     /// A width in φ, radians, that resolves the decay of a decay table around the mirror direction, from [`Self::LEAST_DECAY_WIDTH`] to 1.
@@ -234,26 +233,26 @@ impl Lobes {
     /// What a pair of directions has, y2 = sin²(φ/2); in reciprocal tables values are read at the larger angle.
     #[inline(always)]
     pub(crate) fn light(&self, at: &Incidence, i: &Polar, o: &Polar, y2: f64) -> Light {
-        let mut light = if self.signed() {
-            self.light_of_plane(at, o.theta, o.sin, y2)
-        } else {
-            self.light_of_space(at, o.theta, o.sin, y2)
-        };
+        let mut light = self.light_of(at, o.theta, o.sin, y2);
         if self.reciprocal && o.theta > i.theta {
             light.values = self.values_back(i, o, y2);
         }
         light
     }
 
+    #[inline(always)]
+    fn light_of(&self, at: &Incidence, theta_o: f64, sin_o: f64, y2: f64) -> Light {
+        if self.signed() {
+            self.light_of_plane(at, theta_o, sin_o, y2)
+        } else {
+            self.light_of_space(at, theta_o, sin_o, y2)
+        }
+    }
+
     /// Values of the way back, taken over to the way there.
     #[inline(never)]
     fn values_back(&self, i: &Polar, o: &Polar, y2: f64) -> [f64; 2] {
-        let larger = self.incidence(o);
-        let back = if self.signed() {
-            self.light_of_plane(&larger, i.theta, i.sin, y2)
-        } else {
-            self.light_of_space(&larger, i.theta, i.sin, y2)
-        };
+        let back = self.light_of(&self.incidence(o), i.theta, i.sin, y2);
         let taken_over = o.cos / i.cos;
         back.values.map(|f| f * taken_over)
     }
@@ -280,8 +279,7 @@ impl Lobes {
     #[inline(always)]
     fn light_of_space(&self, at: &Incidence, theta_o: f64, sin_o: f64, y2: f64) -> Light {
         let (column, per_theta) = at.columns.position(theta_o);
-        let phi = azimuth_of(y2);
-        let (row, per_phi) = self.around(at.azimuth).position(phi);
+        let (row, per_phi) = self.around(at.azimuth).position(azimuth_of(y2));
         let (column, row) = (Cell::new(column, self.columns), Cell::new(row, self.rows));
         let read = self.read_rows(at.between, row, column);
         let densities = [read[DENSITIES], read[DENSITIES + 1]];
@@ -376,7 +374,7 @@ fn concentration_of_sine(sin_i: f64, width: f32) -> f32 {
 /// |φ| from sin²(φ/2).
 #[inline(always)]
 fn azimuth_of(y2: f64) -> f64 {
-    f64::from(2.0 * angle((y2 as f32).sqrt(), greatest((1.0 - y2) as f32, 0.0).sqrt()))
+    f64::from(2.0 * angle(y2 as f32, greatest((1.0 - y2) as f32, 0.0).sqrt()))
 }
 
 /// Step of [`Lobes::guide`] at an angle.

@@ -50,21 +50,40 @@ pub(crate) fn exp_each<const N: usize>(mut x: [f32; N]) -> [f32; N] {
 /// asinh of each x ≥ 0, error 2e-7 of it or of 1.
 #[inline(always)]
 pub(crate) fn asinh<const N: usize>(x: [f32; N]) -> [f32; N] {
-    let mut arc = x;
-    for arc in &mut arc {
-        *arc += (1.0 + *arc * *arc).sqrt();
-    }
-    for arc in &mut arc {
-        *arc = ln(*arc);
-    }
-    arc
+    asinh_and_root(x).0
 }
 
-/// The angle in [0, π/2] of a sine and a cosine, as [`crate::numerics::angles::angle`].
+/// asinh |x| of each x, error 2e-7 of it or of 1, and √(1 + x²).
 #[inline(always)]
-pub(crate) fn angle(sin: f32, cos: f32) -> f32 {
-    let inverse = 0.5 / (1.0 + cos);
-    2.0 * (sin * inverse.sqrt()) * arcsine_ratio(sin * sin * inverse)
+pub(crate) fn asinh_and_root<const N: usize>(x: [f32; N]) -> ([f32; N], [f32; N]) {
+    let (mut arc, mut root) = ([0.0; N], [0.0; N]);
+    for (root, x) in root.iter_mut().zip(&x) {
+        *root = (1.0 + x * x).sqrt();
+    }
+    for ((arc, root), x) in arc.iter_mut().zip(&root).zip(&x) {
+        *arc = ln(x.abs() + root);
+    }
+    (arc, root)
+}
+
+/// The first of two numbers where the sign of x is +, the second where it is −; without a branch, which random angles would mispredict.
+#[inline(always)]
+pub(crate) fn of_sign(x: f32, [plus, minus]: [f32; 2]) -> f32 {
+    let negative = (x.to_bits().cast_signed() >> 31).cast_unsigned();
+    f32::from_bits((plus.to_bits() & !negative) | (minus.to_bits() & negative))
+}
+
+/// A count of less than 2³¹, in two instructions.
+#[inline(always)]
+pub(crate) const fn whole(count: usize) -> f32 {
+    count as i32 as f32
+}
+
+/// The angle in [0, π/2] of the square of a sine and of a cosine, as [`crate::numerics::angles::angle`].
+#[inline(always)]
+pub(crate) fn angle(sin2: f32, cos: f32) -> f32 {
+    let half2 = sin2 * (0.5 / (1.0 + cos));
+    2.0 * half2.sqrt() * arcsine_ratio(half2)
 }
 
 /// asin(√z)/√z on [0, ½]: Chebyshev fit of 7 terms.
@@ -109,7 +128,7 @@ mod tests {
                 exp(y)
             );
             let theta = FRAC_PI_2 * f64::from(i) / 4000.0;
-            let found = f64::from(angle(theta.sin() as f32, theta.cos() as f32));
+            let found = f64::from(angle(theta.sin().powi(2) as f32, theta.cos() as f32));
             assert!((found - theta).abs() <= 4e-7 * theta, "{theta}: {found}");
             let (node, fraction) = step_of(1e-3 * i as f32, 3.0);
             let whole = node as f32 + fraction;

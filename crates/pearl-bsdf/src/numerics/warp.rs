@@ -1,7 +1,7 @@
 //! [`Stretched`] axes prepared for one incidence, for evaluation in few operations.
 
 use crate::numerics::angles::{greatest, least};
-use crate::numerics::single::{asinh, exp, ln, step_of};
+use crate::numerics::single::{asinh, asinh_and_root, exp, of_sign, step_of, whole};
 use lut_io::axis::Stretched;
 
 /// The axis x = c ± w·sinh(·) with its constants worked out.
@@ -37,39 +37,34 @@ impl Warp {
         inverse_width: f64,
         cells: usize,
     ) -> Self {
-        let half = 0.5 * cells as f32;
         let [above, below] =
             asinh([((hi - centre) * inverse_width) as f32, ((centre - lo) * inverse_width) as f32]);
+        let half = 0.5 * whole(cells);
         Self { centre, width, inverse_width, middle: half, gain_lo: half / below, gain_hi: half / above }
+    }
+
+    /// Position of an offset from the centre in widths, and dposition/dx there, by asinh and √(1 + x²) of it.
+    #[inline(always)]
+    fn place(&self, offset: f32, root: f32, arc: f32) -> (f32, f32) {
+        let gain = of_sign(offset, [self.gain_hi, self.gain_lo]);
+        (self.middle + (gain * arc).copysign(offset), gain * self.inverse_width as f32 / root)
     }
 
     /// Finest at the lower end.
     #[inline(always)]
     pub(crate) fn one_sided(lo: f64, hi: f64, width: f64, inverse_width: f64, cells: usize) -> Self {
-        let gain_hi = cells as f32 / asinh([((hi - lo) * inverse_width) as f32])[0];
+        let gain_hi = whole(cells) / asinh([((hi - lo) * inverse_width) as f32])[0];
         Self { centre: lo, width, inverse_width, middle: 0.0, gain_lo: 0.0, gain_hi }
     }
 
     /// Positions of coordinates in cells, and dposition/dx there.
     #[inline(always)]
     pub(crate) fn positions<const N: usize>(&self, x: [f64; N]) -> [(f32, f32); N] {
-        let (mut offset, mut root, mut arc) = ([0.0; N], [0.0; N], [0.0; N]);
-        for (offset, x) in offset.iter_mut().zip(x) {
-            *offset = ((x - self.centre) * self.inverse_width) as f32;
-        }
-        for (root, offset) in root.iter_mut().zip(&offset) {
-            *root = (1.0 + offset * offset).sqrt();
-        }
-        for ((arc, offset), root) in arc.iter_mut().zip(&offset).zip(&root) {
-            *arc = ln(offset.abs() + root);
-        }
+        let offset = x.map(|x| ((x - self.centre) * self.inverse_width) as f32);
+        let (arc, root) = asinh_and_root(offset);
         let mut found = [(0.0, 0.0); N];
         for (k, found) in found.iter_mut().enumerate() {
-            let gain = if offset[k] >= 0.0 { self.gain_hi } else { self.gain_lo };
-            *found = (
-                self.middle + (gain * arc[k]).copysign(offset[k]),
-                gain * self.inverse_width as f32 / root[k],
-            );
+            *found = self.place(offset[k], root[k], arc[k]);
         }
         found
     }
@@ -97,7 +92,7 @@ impl Warp {
     #[inline(always)]
     pub(crate) fn at(&self, position: f64) -> f64 {
         let d = (position - f64::from(self.middle)) as f32;
-        let gain = if d >= 0.0 { self.gain_hi } else { self.gain_lo };
+        let gain = of_sign(d, [self.gain_hi, self.gain_lo]);
         // sinh to an absolute error of rounding.
         let e = exp(-(d / gain).abs());
         self.centre + self.width * f64::from((0.5 * (1.0 / e - e)).copysign(d))
@@ -115,8 +110,8 @@ impl Cell {
     #[inline(always)]
     pub(crate) fn new(position: f32, cells: usize) -> Self {
         // `greatest` first: it turns a NaN into 0.
-        let from_first = least(greatest(position - 0.5, 0.0), (cells - 1) as f32);
-        let (index, fraction) = step_of(from_first, (cells - 2) as f32);
+        let from_first = least(greatest(position - 0.5, 0.0), whole(cells - 1));
+        let (index, fraction) = step_of(from_first, whole(cells - 2));
         Self { index, fraction }
     }
 }

@@ -11,6 +11,7 @@ use lut_io::monotone::Monotone;
 use lut_io::reciprocal::Reciprocal;
 use lut_io::spectra::Spectra;
 use lut_io::table::Component;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use std::f64::consts::FRAC_PI_2;
 
@@ -108,7 +109,45 @@ pub(super) struct Means {
     albedo: [Vec<f64>; 3],
     /// Where the lobes' light has its half-vector angles: per tallied incidence, for each of the three, a histogram over the nodes of
     /// [`curve`] whose sum is 1 (or 0 without light).
-    half_angles: Vec<[Vec<f64>; 3]>,
+    half_angles: Vec<[Tally; 3]>,
+}
+
+/// A histogram over the nodes of [`curve`]: the first that has any mass, and the masses from there to the last.
+struct Tally {
+    first: usize,
+    mass: Vec<f64>,
+}
+
+impl Tally {
+    /// With a sum of 1.
+    fn new(mass: &[f64]) -> Self {
+        let total: f64 = mass.iter().sum();
+        let first = mass.iter().position(|mass| *mass > 0.0).unwrap_or(0);
+        let end = mass.iter().rposition(|mass| *mass > 0.0).map_or(0, |last| last + 1);
+        Self { first, mass: mass[first..end].iter().map(|mass| mass / total).collect() }
+    }
+}
+
+/// Means of several colours over a histogram.
+struct Mean<'t, const N: usize> {
+    tally: &'t Tally,
+    by_node: &'t [[f64; N]],
+}
+
+impl<const N: usize> WithSimd for Mean<'_, N> {
+    type Output = [f64; N];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> [f64; N] {
+        let Tally { first, mass } = self.tally;
+        let mut sums = [0.0; N];
+        for (mass, colours) in mass.iter().zip(&self.by_node[*first..]) {
+            for (sum, colour) in sums.iter_mut().zip(colours) {
+                *sum += mass * colour;
+            }
+        }
+        sums
+    }
 }
 
 impl Means {
@@ -145,11 +184,8 @@ impl Means {
         let by_node: Vec<[f64; N]> = (0..NODES).map(|node| colours.map(|colour| colour[node])).collect();
         let mut means: [[Vec<f64>; 3]; N] = std::array::from_fn(|_| <[Vec<f64>; 3]>::default());
         for tally in &self.half_angles {
-            for (part, mass) in tally.iter().enumerate() {
-                let mut sums = [0.0; N];
-                for (mass, colours) in mass.iter().zip(&by_node) {
-                    sums.iter_mut().zip(colours).for_each(|(sum, colour)| *sum += mass * colour);
-                }
+            for (part, tally) in tally.iter().enumerate() {
+                let sums = Arch::new().dispatch(Mean { tally, by_node: &by_node });
                 means.iter_mut().zip(sums).for_each(|(means, sum)| means[part].push(sum));
             }
         }
@@ -228,23 +264,17 @@ pub(super) fn single_reflection_share(lobe: &Interpolant, theta: f64) -> f64 {
 }
 
 /// Where the light of the lobes has its half-vector angles, at an incidence that is a node of [`curve`].
-fn half_angles(facets: &Facets, rules: &Rules, lobes: &Lobes, mirror: &Curve, node: usize) -> [Vec<f64>; 3] {
+fn half_angles(facets: &Facets, rules: &Rules, lobes: &Lobes, mirror: &Curve, node: usize) -> [Tally; 3] {
     // At 90° no light arrives; its limit is what counts.
     let theta_i = curve::theta_at(node).min(FRAC_PI_2 - 1e-6);
     let mut single = vec![0.0; NODES];
     let mut tabulated = vec![[0.0; 2]; NODES];
-    facets.integrate_exits(rules, theta_i.cos(), |mass, cos, cos_o| {
+    facets.integrate(rules, theta_i.cos(), |mass, cos, cos_o| {
         let seen = if lobes.reciprocal { Place::of_cos(cos_o).read(mirror) * cos_o } else { 1.0 };
         Place::of_cos(cos).deposit(mass * seen, &mut single);
     });
     integral::integrate(lobes, theta_i, COARSE, |at, masses| at.deposit_each(masses, &mut tabulated));
-    let [interior, rehit] = [0, 1].map(|lobe: usize| tabulated.iter().map(|masses| masses[lobe]).collect());
-    let mut tallies = [interior, rehit, single];
-    for tally in &mut tallies {
-        let total: f64 = tally.iter().sum();
-        if total > 0.0 {
-            tally.iter_mut().for_each(|mass| *mass /= total);
-        }
-    }
-    tallies
+    let [interior, rehit] =
+        [0, 1].map(|lobe: usize| tabulated.iter().map(|masses| masses[lobe]).collect::<Vec<f64>>());
+    [&interior, &rehit, &single].map(|mass| Tally::new(mass))
 }

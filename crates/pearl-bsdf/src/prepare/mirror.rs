@@ -11,7 +11,7 @@ pub(super) fn scale(lobe: &Interpolant, facets: &Facets) -> Curve {
     let rules = Rules::without_fringes();
     let factor = |node: usize| {
         let mut integral = 0.0;
-        facets.integrate(&rules, curve::cos_at(node), |mass, _| integral += mass);
+        facets.integrate(&rules, curve::cos_at(node), |mass, _, _| integral += mass);
         if integral > 0.0 { single_reflection_share(lobe, curve::theta_at(node)) / integral } else { 0.0 }
     };
     let factors: Vec<f64> = (0..NODES).into_par_iter().map(factor).collect();
@@ -26,7 +26,7 @@ pub(super) fn ends(lobe: &Interpolant, facets: &Facets, rules: &Rules) -> Curve 
     let pieces: Vec<Vec<(f64, Place)>> = (0..NODES)
         .map(|node| {
             let mut pieces = Vec::new();
-            facets.integrate_exits(rules, curve::cos_at(node), |mass, _, cos_o| {
+            facets.integrate(rules, curve::cos_at(node), |mass, _, cos_o| {
                 if mass > 0.0 && cos_o > 0.0 {
                     pieces.push((mass * cos_o, Place::of_cos(cos_o)));
                 }

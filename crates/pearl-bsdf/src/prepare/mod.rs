@@ -19,6 +19,7 @@ use lut_io::lobe::Interpolant;
 use lut_io::table::Table;
 use rayon::prelude::*;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use thickness::{Scaled, Scales};
 
 /// A table prepared for evaluation and sampling; shared by all pearls that look different because of their [`Controls`] alone.
@@ -40,6 +41,9 @@ pub struct Prepared {
     /// Effects whose colours the table does not have, and why, if it says so.
     missing: Vec<(&'static str, String)>,
 }
+
+/// For what nobody stops.
+static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// The pearl at one wavelength of the lobes.
 #[derive(Clone, Debug)]
@@ -63,7 +67,7 @@ impl Prepared {
     /// # Errors
     /// [`BsdfError::Table`] if a further band is not valid.
     pub fn new(table: impl Into<Arc<Table>>) -> Result<Self, BsdfError> {
-        Self::of(table.into(), true)
+        Self::unless(&NEVER, table, true)
     }
 
     /// Without the colours of single wavelengths, which take most of the time: at a wavelength the pearl has no interference colour.
@@ -71,10 +75,19 @@ impl Prepared {
     /// # Errors
     /// As [`Self::new`].
     pub fn of_rgb(table: impl Into<Arc<Table>>) -> Result<Self, BsdfError> {
-        Self::of(table.into(), false)
+        Self::unless(&NEVER, table, false)
     }
 
-    fn of(table: Arc<Table>, spectral: bool) -> Result<Self, BsdfError> {
+    /// [`Self::new`], or [`Self::of_rgb`] where single wavelengths are not wanted, that stops soon after `stop` is set, from anywhere.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; [`BsdfError::Stopped`].
+    pub fn unless(
+        stop: &AtomicBool,
+        table: impl Into<Arc<Table>>,
+        spectral: bool,
+    ) -> Result<Self, BsdfError> {
+        let table = table.into();
         let meta = table.meta();
         let look = Controls::of(meta);
         let rgb_weights =
@@ -100,7 +113,7 @@ impl Prepared {
             std::iter::once(table).chain(further.into_iter().map(Arc::new)).collect();
         let bands: Vec<Band> = tables
             .into_par_iter()
-            .map(|table| Band::new(table, spectral.count()))
+            .map(|table| Band::new(stop, table, spectral.count()))
             .collect::<Result<_, _>>()?;
         let mut places: Vec<usize> = (0..bands.len()).collect();
         places.sort_by(|a, b| bands[*a].wavelength_nm.total_cmp(&bands[*b].wavelength_nm));
@@ -161,8 +174,11 @@ impl Prepared {
 
 impl Band {
     /// Of a table's own wavelength; so many channels has a table without interference colours.
-    fn new(table: Arc<Table>, channels: usize) -> Result<Self, BsdfError> {
+    fn new(stop: &AtomicBool, table: Arc<Table>, channels: usize) -> Result<Self, BsdfError> {
+        let go_on = || if stop.load(Ordering::Relaxed) { Err(BsdfError::Stopped) } else { Ok(()) };
+        go_on()?;
         let lobe = Interpolant::new(table);
+        go_on()?;
         let meta = lobe.table().meta();
         let (spectra, wavelength_nm) = (meta.spectra.as_ref(), meta.wavelength_nm);
         let facets = Facets::new(&meta.surface_model);
@@ -172,7 +188,9 @@ impl Band {
         } else {
             mirror::scale(&lobe, &facets)
         };
+        go_on()?;
         let means = Means::new(&lobe, meta.reciprocal.as_ref(), &lobes, &facets, &mirror);
+        go_on()?;
         let plain = means.plain();
         let rgb = means.coloured(Kind::Rgb, spectra, &plain, 3);
         let many = spectra.filter(|spectra| channels == spectra.wavelength_nm.len());

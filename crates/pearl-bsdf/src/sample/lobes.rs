@@ -21,7 +21,7 @@ pub(crate) struct Exit {
 
 impl Lobes {
     /// An exit direction of one lobe (0 interior, 1 rehit) from three uniform numbers; no direction of a lobe without light.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn sample(&self, lobe: usize, at: &Incidence, select: f64, u: f64, v: f64) -> Exit {
         let (node, left) = self.choose_node(lobe, at.between, select);
         if self.signed() {
@@ -88,7 +88,7 @@ impl Lobes {
     }
 
     /// Share of the cap's area up to a number that falls into it, in a row of a space table.
-    #[inline]
+    #[inline(always)]
     pub(super) fn cap_area(&self, lobe: usize, row: usize, cap_edge: f64, u: f64) -> f64 {
         let Distribution { cumulative, row_total, .. } = &self.distributions[lobe];
         let range = row * self.columns..(row + 1) * self.columns;

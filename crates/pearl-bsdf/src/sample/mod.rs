@@ -4,10 +4,11 @@ mod lobes;
 mod many;
 
 use crate::Direction;
-use crate::eval::{Evaluation, PearlBsdf, above_horizon};
+use crate::eval::{Evaluation, Pair, PearlBsdf, Viewer, above_horizon};
 use crate::numerics::angles::{Polar, least, turned};
 use crate::numerics::curve::Place;
 use lobes::Exit;
+use pulp::{Arch, Simd, WithSimd};
 
 /// What is sampled, in the order of the probabilities: interior, rehit, facets of interface 0, base.
 const INTERIOR: usize = 0;
@@ -31,14 +32,30 @@ impl PearlBsdf {
     /// random numbers find no direction above the horizon (rarer than 1e-3).
     #[must_use]
     pub fn sample(&self, wi: Direction, u1: f64, u2: f64, u3: f64) -> Option<Sample> {
+        Arch::new().dispatch(Sampled { pearl: self, wi: &wi, u: [u1, u2, u3] })
+    }
+}
+
+/// [`PearlBsdf::sample`].
+struct Sampled<'a> {
+    pearl: &'a PearlBsdf,
+    wi: &'a Direction,
+    u: [f64; 3],
+}
+
+impl WithSimd for Sampled<'_> {
+    type Output = Option<Sample>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Option<Sample> {
+        let Self { pearl, wi: &wi, u: [u1, u2, u3] } = self;
         if !above_horizon(wi) {
             return None;
         }
-        let at_i = Place::of_cos(wi[2]);
-        let (part, select) = choose(&self.chances(at_i), u1);
         let [polar] = Polar::of([wi]);
-        let own = self.own();
+        let own = pearl.own();
         let incidence = own.band.lobes.incidence(&polar);
+        let (part, select) = choose(&pearl.chances(Place::of_cos(wi[2])), u1);
         let wo = match part {
             SURFACE => own.band.facets.sample(wi, &polar, u2, u3),
             BASE => direction(polar.azimuth, &cosine_hemisphere(u2, u3)),
@@ -47,10 +64,13 @@ impl PearlBsdf {
         if !above_horizon(wo) {
             return None;
         }
-        let ([polar_o], at_o) = (Polar::of([wo]), Place::of_cos(wo[2]));
-        let geometry = own.geometry_at(wi, wo, (polar, at_i), (polar_o, at_o), incidence);
-        let (value, pdf) = self.value_and_density(&geometry, wi, wo);
-        (pdf > 0.0 && pdf.is_finite()).then_some(Sample { wo, pdf, value })
+        let [polar_o] = Polar::of([wo]);
+        let geometry = own.geometry_at(&Pair::of(wi, wo, [polar, polar_o]), &incidence);
+        let pdf = pearl.density(&geometry);
+        if !(pdf > 0.0 && pdf.is_finite()) {
+            return None;
+        }
+        Some(Sample { wo, pdf, value: pearl.value(&geometry, Viewer::AtExit) })
     }
 }
 

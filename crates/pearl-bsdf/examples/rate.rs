@@ -1,11 +1,13 @@
-//! Nanoseconds a pair of `eval_seen_many`, `pdf_many` and `sample_seen_many` on one thread, as JSON: `many_rate TABLE PAIRS`.
+//! Nanoseconds a pair on one thread, as JSON: `rate TABLE PAIRS`. Of `eval_seen_many`, `pdf_many` and `sample_seen_many`, and (`…_one_ns`)
+//! of `eval_seen`, `pdf` and `sample`, a pair at a call.
 //!
-//! The median of 15 rounds over the same directions in pieces of 512.
+//! The median of 15 rounds over the same directions, in pieces of 512 where many are asked for at a call.
 
 #![allow(clippy::print_stdout)]
 
 use pearl_bsdf::{Direction, Evaluation, PearlBsdf, Prepared};
 use rand::{RngExt as _, SeedableRng as _};
+use std::hint::black_box;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -14,7 +16,7 @@ const PIECE: usize = 512;
 const ROUNDS: usize = 15;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let usage = "many_rate TABLE PAIRS";
+    let usage = "rate TABLE PAIRS";
     let mut arguments = std::env::args().skip(1);
     let table = lut_io::exr_file::read(Path::new(&arguments.next().ok_or(usage)?))?;
     let count: usize = arguments.next().ok_or(usage)?.parse()?;
@@ -46,7 +48,27 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let sample = median(count, || {
         pieces().for_each(|((wi, _), u)| bsdf.sample_seen_many(wi, u, &mut samples[..wi.len()]));
     });
-    println!("{{\"eval_ns\": {eval}, \"pdf_ns\": {pdf}, \"sample_ns\": {sample}}}");
+    let pairs = || wi.iter().zip(&wo);
+    let eval_one = median(count, || {
+        pairs().for_each(|(wi, wo)| {
+            black_box(bsdf.eval_seen(*wi, *wo));
+        })
+    });
+    let pdf_one = median(count, || {
+        pairs().for_each(|(wi, wo)| {
+            black_box(bsdf.pdf(*wi, *wo));
+        })
+    });
+    let sample_one = median(count, || {
+        let draws = wi.iter().zip(&numbers);
+        draws.for_each(|(wi, [u, v, w])| {
+            black_box(bsdf.sample(*wi, *u, *v, *w));
+        });
+    });
+    println!(
+        "{{\"eval_ns\": {eval}, \"pdf_ns\": {pdf}, \"sample_ns\": {sample}, \
+         \"eval_one_ns\": {eval_one}, \"pdf_one_ns\": {pdf_one}, \"sample_one_ns\": {sample_one}}}"
+    );
     Ok(())
 }
 
