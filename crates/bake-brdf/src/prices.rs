@@ -16,7 +16,7 @@ pub const WALKED: [&str; 3] = ["crossing", "path", "row"];
 pub(crate) const fn rows(geometry: Geometry) -> [f64; ROWS.len()] {
     match geometry {
         Geometry::Plane => [0.0, 3.6e-8],
-        Geometry::Space => [0.0, 1e-8],
+        Geometry::Space => [0.0, 5.6e-9],
     }
 }
 

@@ -274,7 +274,8 @@ fn solved_incidences(request: &Request) -> Vec<f64> {
     reading::with_middles(&request.theta_i())
 }
 
-/// [`OPERATIONS`] of doubling to `accuracy` (a share), its error estimate included.
+/// [`OPERATIONS`] of doubling to `accuracy` (a share), its error estimate included. A stack that was solved to place the rows is not
+/// solved again.
 pub(super) fn doubling_counts(
     request: &Request,
     transport: &Transport,
@@ -284,7 +285,10 @@ pub(super) fn doubling_counts(
     let incidences = solved_incidences(request).len();
     let [fine, coarse] = [settings, settings.coarser()]
         .map(|settings| settings.cost(transport, request.geometry(), incidences).counts);
-    std::array::from_fn(|i| fine[i] + coarse[i])
+    let known = request.placed_by.as_ref();
+    let known = known.filter(|known| known.is_of(transport, request.geometry(), &settings));
+    let solved = known.map(|_| settings.cost(transport, request.geometry(), 0).counts).unwrap_or_default();
+    std::array::from_fn(|i| fine[i] - solved[i] + coarse[i])
 }
 
 /// [`ROWS`] of a table of so many solved incidences.
@@ -362,8 +366,8 @@ mod tests {
             request.grid.incident_deg = (0..=90).step_by(degrees).map(|angle| angle as f64).collect();
             // What the clock says depends on the machine's load.
             request.placing_seconds = 0.0;
-            // A faint interior is solved more finely, whatever has how many layers.
-            request.grid.refinements = 0;
+            // A faint interior is solved more finely, whatever has how many layers; and what placed the rows is solved once.
+            (request.grid.refinements, request.placed_by) = (0, None);
             seconds(&request, SolverChoice::Doubling)
         };
         let base = of(40, 1.0, 10);

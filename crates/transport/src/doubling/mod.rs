@@ -154,7 +154,8 @@ impl Operator {
     }
 
     /// Whether it is that of such a problem at such a resolution.
-    fn is_of(&self, transport: &Transport, geometry: Geometry, settings: &Settings) -> bool {
+    #[must_use]
+    pub fn is_of(&self, transport: &Transport, geometry: Geometry, settings: &Settings) -> bool {
         let Plan { transport: of, settings: at, grid, .. } = &self.plan;
         (of, grid.geometry, at) == (transport, geometry, settings)
     }

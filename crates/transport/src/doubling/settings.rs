@@ -25,7 +25,7 @@ pub const OPERATIONS: [&str; 5] =
 pub const fn prices(geometry: Geometry) -> [f64; OPERATIONS.len()] {
     match geometry {
         Geometry::Plane => [2e-10, 3.4e-7, 6.2e-11, 0.0, 2.6e-4],
-        Geometry::Space => [1.2e-11, 3e-7, 5e-11, 5e-4, 6.3e-3],
+        Geometry::Space => [1.2e-11, 3e-7, 5e-11, 3.9e-4, 5.5e-4],
     }
 }
 
