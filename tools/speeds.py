@@ -134,9 +134,9 @@ def main() -> None:
         sys.exit(f"--only {args.only}: no such case; they are {', '.join((*CASES, FIRST_PICTURE, *RATES))}")
     builds = [args.old.resolve(), args.new.resolve()]
     with tempfile.TemporaryDirectory() as folder:
-        places = {"OUT": "out", "OUT.exr": "out.exr", "OUT.npz": "out.npz"}
-        places |= {"TABLE": "table.exr", "SPACE": "space.exr", "GOLDEN": "golden.exr"}
-        places = {part: Path(folder) / name for part, name in places.items()}
+        files = {"OUT": "out", "OUT.exr": "out.exr", "OUT.npz": "out.npz"}
+        files |= {"TABLE": "table.exr", "SPACE": "space.exr", "GOLDEN": "golden.exr"}
+        places = {part: Path(folder) / name for part, name in files.items()}
         for name, recipe in RECIPES.items():
             places[name] = Path(folder) / f"{name.lower()}.json"
             places[name].write_text(recipe)
