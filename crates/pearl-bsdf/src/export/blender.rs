@@ -49,7 +49,8 @@ const WEIGHTED: u32 = 2048;
 /// As for the three lobes: differences count over the root of the lobe plus this share of its peak.
 const FLOOR: f64 = 0.01;
 /// Roughnesses to start from, over that of interface 0.
-const STARTS: [[f64; LOBES]; 2] = [[1.0, 1.0, 2.5, 5.0, 2.5, 5.0], [1.0, 1.0, 1.5, 2.5, 1.5, 2.5]];
+const STARTS: [[f64; LOBES]; 3] =
+    [[1.0, 1.0, 2.5, 5.0, 2.5, 5.0], [1.0, 1.0, 1.5, 2.5, 1.5, 2.5], [1.0, 1.5, 2.5, 5.0, 1.5, 3.0]];
 /// Tilts to start from, over that roughness: two lobes share the peak, each with its colour.
 const START_TILTS: [f64; LOBES] = [0.4, -0.4, 0.0, 0.0, 0.0, 0.0];
 /// Lobes are no narrower than this share of interface 0's, so that none hides between the directions compared.
@@ -525,7 +526,8 @@ impl Fitted {
     }
 }
 
-/// Each angle starts from the fit of the angle before, so that shapes are smooth from one to the next.
+/// Each angle starts from the fit of the angle before, so that shapes are smooth from one to the next. Of several starts at normal
+/// incidence the one is taken that comes nearest over all angles.
 fn shapes(plain: &PearlBsdf, modulated: &PearlBsdf, slope_sd: f64) -> Fitted {
     let points = |theta: f64| {
         let points = directions(plain, theta, FITTED);
@@ -542,16 +544,33 @@ fn shapes(plain: &PearlBsdf, modulated: &PearlBsdf, slope_sd: f64) -> Fitted {
     });
     let problems: Vec<(f64, Vec<Point>, Vec<[f64; TARGETS]>)> =
         angles.collect::<Vec<_>>().into_par_iter().map(points).collect();
-    let mut last: Option<Shapes> = None;
-    let fitted = problems.into_iter().map(|(theta, points, values)| {
-        let fit = Fit::new(theta, points, values, slope_sd);
-        let shapes = match last {
-            Some(shapes) => fit.from(shapes, PULL).1,
-            None => fit.best(slope_sd),
-        };
-        (theta, *last.insert(shapes))
+    let fits: Vec<Fit> = problems
+        .into_iter()
+        .map(|(theta, points, values)| Fit::new(theta, points, values, slope_sd))
+        .collect();
+    let chains = STARTS.par_iter().map(|roughnesses| {
+        let (mut last, mut pull, mut left) = (started(roughnesses, slope_sd), 0.0, 0.0);
+        let along = fits.iter().map(|fit| {
+            let (squares, shapes) = fit.from(last, pull);
+            (last, pull) = (shapes, PULL);
+            left += squares / fit.light();
+            (fit.theta, shapes)
+        });
+        let along: Vec<(f64, Shapes)> = along.collect();
+        (left, along)
     });
-    Fitted(fitted.collect())
+    let best = chains.min_by(|a, b| a.0.total_cmp(&b.0));
+    Fitted(best.map(|(_, fitted)| fitted).unwrap_or_default())
+}
+
+/// Lobes to start from at normal incidence.
+fn started(roughnesses: &[f64; LOBES], slope_sd: f64) -> Shapes {
+    let mut start = [0.0; LOBES * NUMBERS];
+    for (k, (shape, roughness)) in start.chunks_mut(NUMBERS).zip(roughnesses).enumerate() {
+        let log = log_roughness(*roughness, slope_sd);
+        shape.copy_from_slice(&[log, log, START_TILTS[k] * log.exp(), START_TURNS[k]]);
+    }
+    start
 }
 
 /// The logarithm of so many times the roughness of interface 0.
@@ -584,16 +603,12 @@ impl Fit {
         Self { theta, points, values, limits: (0..LOBES).flat_map(of).collect() }
     }
 
-    fn best(&self, slope_sd: f64) -> Shapes {
-        let fits = STARTS.par_iter().map(|roughnesses| {
-            let mut start = [0.0; LOBES * NUMBERS];
-            for (k, (shape, roughness)) in start.chunks_mut(NUMBERS).zip(roughnesses).enumerate() {
-                let log = log_roughness(*roughness, slope_sd);
-                shape.copy_from_slice(&[log, log, START_TILTS[k] * log.exp(), START_TURNS[k]]);
-            }
-            self.from(start, 0.0)
-        });
-        fits.min_by(|a, b| a.0.total_cmp(&b.0)).map_or([0.0; LOBES * NUMBERS], |(_, shapes)| shapes)
+    /// The squares of the lobe without colours: what those that are left count against.
+    fn light(&self) -> f64 {
+        let columns = Columns::new(&self.points, &[0.0; LOBES * NUMBERS], self.theta);
+        let squares =
+            self.values.iter().zip(&columns.scales).map(|(values, scale)| scale * values[0] * values[0]);
+        squares.sum::<f64>().max(f64::MIN_POSITIVE)
     }
 
     /// The fit from a start, and how much of the squares is left; the start itself where there is none.
