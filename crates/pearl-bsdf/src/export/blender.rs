@@ -114,7 +114,7 @@ impl Curves {
         if !has_coherent && !has_emission {
             return Err(FieldError::new(
                 "spectra",
-                "are missing, expected interference colours; bake the recipe with effects coherent or illuminant",
+                "are missing, expected interference colours; bake the recipe with effects coherent or emission",
             ));
         }
         let scales = prepared.scales.as_ref().map_or(vec![1.0], |scales| scales.scale.clone());
