@@ -51,6 +51,26 @@ pub fn built_in(name: &str) -> Option<&'static str> {
     BUILT_IN.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
 }
 
+/// Reads a recipe: a built-in one by its name, else of the text that `read` finds. Whoever calls says what its errors are.
+///
+/// # Errors
+/// Those of `read`; else one line with the path, by `refuse`.
+pub fn named<E>(
+    path: &Path,
+    read: impl FnOnce(&Path) -> Result<String, E>,
+    refuse: impl Fn(String) -> E,
+) -> Result<Recipe, E> {
+    let refuse = |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", path.display()));
+    if let Some(why) = unknown(path) {
+        return Err(refuse(&why));
+    }
+    let text = match path.to_str().and_then(built_in) {
+        Some(text) => text.to_owned(),
+        None => read(path)?,
+    };
+    Recipe::from_json(&text).map_err(|why| refuse(&why))
+}
+
 /// Why a name stands for no recipe, where there is neither such a file nor such a built-in recipe.
 #[must_use]
 pub fn unknown(path: &Path) -> Option<String> {

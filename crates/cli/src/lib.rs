@@ -54,15 +54,7 @@ pub fn read_table(path: &Path) -> Result<Table, Stop> {
 /// # Errors
 /// Why there is none, or what is wrong with it.
 pub fn read_recipe(path: &Path) -> Result<Recipe, Stop> {
-    let refuse = |why: &dyn std::fmt::Display| Stop::bad_input(format!("{}: {why}", path.display()));
-    if let Some(why) = recipe::unknown(path) {
-        return Err(refuse(&why));
-    }
-    let text = match path.to_str().and_then(recipe::built_in) {
-        Some(text) => text.to_owned(),
-        None => terminal::read_text(path, recipe::MAX_BYTES)?,
-    };
-    Recipe::from_json(&text).map_err(|why| refuse(&why))
+    recipe::named(path, |path| terminal::read_text(path, recipe::MAX_BYTES), Stop::BadInput)
 }
 
 /// Writes a file whole or not at all.

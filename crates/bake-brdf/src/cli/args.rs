@@ -136,23 +136,11 @@ pub(crate) fn incident_deg(list: &str) -> Result<Vec<f64>, Stop> {
     Ok(angles)
 }
 
-/// The recipe of a file or of a built-in name.
-fn read_recipe(path: &Path) -> Result<Recipe, Stop> {
-    let refuse = |why: &dyn std::fmt::Display| Stop::BadInput(format!("{}: {why}", path.display()));
-    if let Some(why) = recipe::unknown(path) {
-        return Err(refuse(&why));
-    }
-    let text = match path.to_str().and_then(recipe::built_in) {
-        Some(text) => text.to_owned(),
-        None => terminal::read_text(path, recipe::MAX_BYTES)?,
-    };
-    Recipe::from_json(&text).map_err(|why| refuse(&why))
-}
-
 /// The recipe of a file or of a built-in name, or the paper's; and what a message calls it.
 pub(crate) fn recipe(path: Option<&Path>) -> Result<(Recipe, String), Stop> {
     let Some(path) = path else { return Ok((Recipe::default(), "the paper's pearl".to_owned())) };
-    Ok((read_recipe(path)?, path.display().to_string()))
+    let read = |path: &Path| terminal::read_text(path, recipe::MAX_BYTES);
+    Ok((recipe::named(path, read, Stop::BadInput)?, path.display().to_string()))
 }
 
 #[cfg(test)]

@@ -22,9 +22,8 @@ struct Rule {
     half_period: f64,
     /// Highest frequency in 1/w: chains have widths ≥ w/√2, so that e^(−highest²/4) is left out.
     highest: f64,
-    /// Downward states on (0, ε), and points of the integral over the next one.
+    /// Downward states on (0, ε), and as many points of the integral over the next one.
     states: usize,
-    next: usize,
     /// Exit rows.
     rows: usize,
 }
@@ -37,9 +36,9 @@ impl Rule {
 }
 
 /// To 2e-9 of the light.
-const FINE: Rule = Rule { half_period: 8.0, highest: 9.0, states: 12, next: 12, rows: 44 };
+const FINE: Rule = Rule { half_period: 8.0, highest: 9.0, states: 12, rows: 44 };
 /// To 1e-5 of the light, of facets that are not too steep: a few times cheaper.
-const COARSE: Rule = Rule { half_period: 6.5, highest: 7.25, states: 8, next: 8, rows: 32 };
+const COARSE: Rule = Rule { half_period: 6.5, highest: 7.25, states: 8, rows: 32 };
 /// [`Rule::terms`] of both, at least.
 const FINE_TERMS: usize = 24;
 const COARSE_TERMS: usize = 16;
@@ -321,7 +320,7 @@ fn chain_steps(
     sigma: f64,
     top: f64,
 ) -> Vec<Vec<(Turn, Vec<f64>)>> {
-    let points = segment_rule(rule.next);
+    let points = segment_rule(rule.states);
     let from = |e: f64| ((1.0 - e * e).max(0.0).sqrt(), e);
     lobes
         .iter()

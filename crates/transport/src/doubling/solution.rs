@@ -114,6 +114,12 @@ pub struct Solution {
 pub struct Basis {
     theta: Vec<f64>,
     phi: Vec<f64>,
+    values: Product,
+}
+
+/// What coefficients are multiplied by from either side, by parity.
+#[derive(Clone, Debug)]
+struct Product {
     rows: [Matrix; 2],
     columns: [Matrix; 2],
 }
@@ -124,7 +130,7 @@ pub struct Cells {
     theta: Vec<f64>,
     weights: Vec<f64>,
     sectors: Vec<f64>,
-    integrals: Basis,
+    integrals: Product,
 }
 
 impl Solution {
@@ -182,7 +188,7 @@ impl Solution {
             }),
         });
         let phi = if self.grid.geometry == Geometry::Plane { vec![0.0] } else { phi.to_vec() };
-        Basis { theta: theta.to_vec(), phi, rows, columns }
+        Basis { theta: theta.to_vec(), phi, values: Product { rows, columns } }
     }
 
     /// Cells of `columns` × the sectors between these edges of φ (radians; both mirror halves count), each integrated along θ by as
@@ -226,7 +232,7 @@ impl Solution {
             theta: theta.to_vec(),
             weights: weights.to_vec(),
             sectors: sectors.to_vec(),
-            integrals: Basis { theta: Vec::new(), phi: Vec::new(), rows, columns: around },
+            integrals: Product { rows, columns: around },
         }
     }
 
@@ -261,20 +267,20 @@ impl Solution {
     /// radian of s; space: f·cos θo, 1/sr. Truncation may leave it slightly negative where it is ≈ 0.
     #[must_use]
     pub fn interior(&self, incidence: usize, basis: &Basis) -> Matrix {
-        evaluate(&self.interior[incidence], basis)
+        evaluate(&self.interior[incidence], &basis.values)
     }
 
     /// Density of the transmitted light in the substrate, per radian of signed angle or per steradian.
     #[must_use]
     pub fn transmitted(&self, incidence: usize, basis: &Basis) -> Matrix {
-        evaluate(&self.transmitted[incidence], basis)
+        evaluate(&self.transmitted[incidence], &basis.values)
     }
 
     /// Density of what met interface 0 more than once and never entered.
     #[must_use]
     pub fn rehit(&self, incidence: usize, basis: &Basis) -> Matrix {
         if self.grid.geometry == Geometry::Plane {
-            return evaluate(&self.rehit[incidence], basis);
+            return evaluate(&self.rehit[incidence], &basis.values);
         }
         match self.rehit_lobe(incidence) {
             Some(lobe) => lobe.values(&basis.theta, &basis.phi),
@@ -422,11 +428,11 @@ fn totals(
     (0..theta_i.len()).map(lobe).collect()
 }
 
-fn evaluate(coefficients: &Matrix, basis: &Basis) -> Matrix {
+fn evaluate(coefficients: &Matrix, product: &Product) -> Matrix {
     let parity = |p: usize| {
-        let modes = basis.columns[p].rows();
+        let modes = product.columns[p].rows();
         let picked = Matrix::from_fn(coefficients.rows(), modes, |j, k| coefficients[(j, 2 * k + p)]);
-        basis.rows[p].times(&picked).times(&basis.columns[p])
+        product.rows[p].times(&picked).times(&product.columns[p])
     };
     let mut sum = parity(0);
     sum += &parity(1);
