@@ -154,9 +154,10 @@ def test_the_plugin_says_what_the_package_does(request, folder, variant, kind):
     wi, wo = (v[:: 1 if variant.startswith("llvm") else 50].astype(np.float32) for v in pairs())
     # The luminance of a product is not the product of luminances: the plugin's mono variants are compared by their lobes, without tint.
     tint, body = ([1.0] * 3, 0.0) if "mono" in variant else ([0.6, 1.0, 0.8], 0.7)
-    for scale in (0.96, 1.0, 1.04) if kind == "narrow" else (0.83, 1.0, 1.19):
-        look = {"thickness": scale, "body_color": grey(body), "tint": {"type": "rgb", "value": tint}}
-        bsdf = mi.load_dict({"type": "pearl", "filename": str(path)} | look)
+    look = {"type": "pearl", "filename": str(path), "body_color": grey(body), "tint": {"type": "rgb", "value": tint}}
+    scales = (0.96, 1.0, 1.04) if kind == "narrow" else (0.83, 1.0, 1.19)
+    # All are loaded before one is asked: they share the table, and nothing else.
+    for scale, bsdf in [(scale, mi.load_dict(look | {"thickness": scale})) for scale in scales]:
         pearl = nacre.Pearl(str(path), thickness=scale, body_color=body, tint=tint)
         expected = pearl.eval_spectrum(wi, wo, NM) if "spectral" in variant else pearl.eval(wi, wo)
         if "mono" in variant:

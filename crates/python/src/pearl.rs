@@ -141,7 +141,7 @@ impl Pearl {
         let (wi, wo) = (wi.vectors(), wo.vectors());
         let count = wavelengths.len();
         let mut out = vec![0.0; count * shape.iter().product::<usize>()];
-        let spectra = |wi: &[Direction], wo: &[Direction], out: &mut [f64]| {
+        let spectra = |(): &mut (), wi: &[Direction], wo: &[Direction], out: &mut [f64]| {
             for ((wi, wo), out) in wi.iter().zip(wo).zip(out.chunks_mut(count)) {
                 out.copy_from_slice(&self.bsdf.eval_seen_spectrum(*wi, *wo, &wavelengths));
             }
@@ -162,7 +162,9 @@ impl Pearl {
         let (shape, wi, wo) = pairs(wi, wo)?;
         let (wi, wo) = (wi.vectors(), wo.vectors());
         let mut out = vec![0.0; shape.iter().product()];
-        let densities = |wi: &[Direction], wo: &[Direction], out: &mut [f64]| self.bsdf.pdf_many(wi, wo, out);
+        let densities = |(): &mut (), wi: &[Direction], wo: &[Direction], out: &mut [f64]| {
+            self.bsdf.pdf_many(wi, wo, out);
+        };
         py.detach(|| by_pieces(wi, wo, &mut out, 1, densities)).map_err(refuse)?;
         array(py, &shape, out)
     }
@@ -196,7 +198,7 @@ impl Pearl {
             pieces.try_for_each_init(
                 || (Vec::with_capacity(PIECE), vec![None; PIECE]),
                 |(unit, samples), (piece, (u, ((wo, pdf), value)))| {
-                    wi.directions(piece * PIECE, u.len(), unit)?;
+                    let unit = wi.directions(piece * PIECE, u.len(), unit)?;
                     let samples: &mut [Option<Sample>] = &mut samples[..u.len()];
                     self.bsdf.sample_seen_many(unit, u, samples);
                     for (k, sample) in samples.iter().enumerate() {
@@ -262,9 +264,8 @@ impl Pearl {
         let (wi, wo) = (wi.vectors(), wo.vectors());
         let mut out = vec![0.0; N * shape.iter().product::<usize>()];
         let places = out.as_chunks_mut::<N>().0;
-        let ask = |wi: &[Direction], wo: &[Direction], out: &mut [[f64; N]]| {
-            let mut values = [Evaluation::default(); PIECE];
-            let values = &mut values[..wi.len()];
+        let ask = |values: &mut Vec<Evaluation>, wi: &[Direction], wo: &[Direction], out: &mut [[f64; N]]| {
+            values.resize(wi.len(), Evaluation::default());
             self.bsdf.eval_seen_many(wi, wo, values);
             out.iter_mut().zip(values.iter()).for_each(|(out, value)| *out = numbers(value));
         };
@@ -273,19 +274,19 @@ impl Pearl {
     }
 }
 
-/// Asks for pairs in pieces, over the threads; each has so many places in `out`.
-fn by_pieces<T: Send>(
+/// Asks for pairs in pieces, over the threads; each has so many places in `out`. What a thread needs beside it keeps for all its pieces.
+fn by_pieces<T: Send, S: Default>(
     wi: Vectors<'_>,
     wo: Vectors<'_>,
     out: &mut [T],
     places: usize,
-    ask: impl Fn(&[Direction], &[Direction], &mut [T]) + Sync,
+    ask: impl Fn(&mut S, &[Direction], &[Direction], &mut [T]) + Sync,
 ) -> Result<(), NoDirection> {
-    let work = |[unit_i, unit_o]: &mut [Vec<Direction>; 2], (piece, out): (usize, &mut [T])| {
+    let work = |(own, unit_i, unit_o): &mut (S, Vec<_>, Vec<_>), (piece, out): (usize, &mut [T])| {
         let (first, count) = (piece * PIECE, out.len() / places);
-        wi.directions(first, count, unit_i)?;
-        wo.directions(first, count, unit_o)?;
-        ask(unit_i, unit_o, out);
+        let wi = wi.directions(first, count, unit_i)?;
+        let wo = wo.directions(first, count, unit_o)?;
+        ask(own, wi, wo, out);
         Ok(())
     };
     if out.len() <= PIECE * places {
@@ -295,25 +296,34 @@ fn by_pieces<T: Send>(
     out.par_chunks_mut(PIECE * places).enumerate().try_for_each_init(Default::default, work)
 }
 
-impl Vectors<'_> {
-    /// The directions of a piece.
-    fn directions(self, first: usize, count: usize, unit: &mut Vec<Direction>) -> Result<(), NoDirection> {
-        unit.clear();
+impl<'a> Vectors<'a> {
+    /// The directions of a piece: the vectors themselves where none needs normalising, else in `unit`.
+    fn directions<'u>(
+        self,
+        first: usize,
+        count: usize,
+        unit: &'u mut Vec<Direction>,
+    ) -> Result<&'u [Direction], NoDirection>
+    where
+        'a: 'u,
+    {
         let (first, piece) = match self.vectors {
             [one] => (0, std::slice::from_ref(one)),
             all => (first, &all[first..first + count]),
         };
+        let is_unit = |v: &[f64; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - 1.0).abs() <= UNIT;
+        // Without an early end: several at a time.
+        let all_are = piece.iter().fold(true, |all, v| all & is_unit(v));
+        if all_are && piece.len() == count {
+            return Ok(piece);
+        }
+        unit.clear();
         for (at, v) in piece.iter().enumerate() {
-            let length2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
-            if (length2 - 1.0).abs() <= UNIT {
-                unit.push(*v);
-            } else {
-                let bad = || NoDirection { name: self.name, at: first + at, vector: *v };
-                unit.push(pearl_bsdf::unit(*v).ok_or_else(bad)?);
-            }
+            let bad = || NoDirection { name: self.name, at: first + at, vector: *v };
+            unit.push(if is_unit(v) { *v } else { pearl_bsdf::unit(*v).ok_or_else(bad)? });
         }
         unit.resize(count, unit[0]);
-        Ok(())
+        Ok(unit)
     }
 }
 

@@ -131,7 +131,7 @@ impl Prepared {
         let Channels { wavelength_nm, reflectance, emission } = self.kind(kind);
         let (bands, channels) = (self.bands.len(), reflectance.len());
         let of = |part: fn(&Coloured) -> Vec<f32>| {
-            over(&self.bands, |band| band.channels(kind).iter().flat_map(part).collect())
+            over(&self.bands, |band| band.channels(kind).iter().map(part).collect::<Vec<_>>().concat())
         };
         let [reflectances, emissions, modulations, albedos, rests] = names;
         let mut arrays = Vec::new();
@@ -183,11 +183,11 @@ const SPECTRAL: [&str; 5] =
 
 /// What each band has, one behind the other.
 fn over(bands: &[Band], of: impl Fn(&Band) -> Vec<f32>) -> Vec<f32> {
-    bands.iter().flat_map(of).collect()
+    bands.iter().map(of).collect::<Vec<_>>().concat()
 }
 
 fn flat<'a>(parts: impl Iterator<Item = &'a [f32]>) -> Vec<f32> {
-    parts.flatten().copied().collect()
+    parts.collect::<Vec<_>>().concat()
 }
 
 fn numbers(whole: &[u16]) -> Vec<f32> {

@@ -96,9 +96,10 @@ pub(crate) fn reflectance(nm: f64) -> [f64; 3] {
 /// Every channel of stored rows of colours at the nodes of [`curve`].
 pub(super) fn over_nodes<R: AsRef<[f64]>>(theta_deg: &[f64], rows: &[R]) -> Vec<Vec<f64>> {
     let theta: Vec<f64> = theta_deg.iter().map(|theta| theta.to_radians()).collect();
+    let nodes: Vec<f64> = (0..NODES).map(curve::theta_at).collect();
     let channel = |c: usize| {
         let stored = Monotone::new(theta.clone(), rows.iter().map(|row| row.as_ref()[c]).collect());
-        (0..NODES).map(|node| stored.at(curve::theta_at(node))).collect()
+        nodes.iter().map(|node| stored.at(*node)).collect()
     };
     (0..rows[0].as_ref().len()).map(channel).collect()
 }

@@ -103,7 +103,7 @@ def _pearl(base):
             # A copy: Dr.Jit lends NumPy's memory, and this one belongs to every pearl of the table.
             self.lut = types.TensorXf(self.table.values.copy())
             # The lobes at the table's own wavelength are what is sampled.
-            self.layers = [Layer(types, band, sampled=band is self.table) for band in self.table.bands]
+            self.layers = [Layer.of(types, band, sampled=band is self.table) for band in self.table.bands]
             self.tabulated, self.facets = self.layers[0].tabulated, self.layers[0].facets
             self.rgb_palette = Palette.of(self.table, "rgb")
 
@@ -210,7 +210,8 @@ def _pearl(base):
                     raise PearlError(f"pearl: lut: has the shape {values.shape}; expected that of the table, {shape}")
                 if not (np.isfinite(values).all() and (values >= 0.0).all()):
                     raise PearlError("pearl: lut: has a value that is negative or not finite")
-                self.tabulated.set_values(values, self.lut.array if self.types.jit else values)
+                self.tabulated = self.tabulated.with_values(values, self.lut.array if self.types.jit else values)
+                self.layers[0].tabulated = self.tabulated
             if self.recipe is not None:
                 self._bake_what_is_called_for()
             self._derive()
@@ -244,8 +245,12 @@ def _pearl(base):
                 # Of a recipe nothing is missing that would show.
                 parameters.check_parts(self.table, plain[0], plain[2])
             given = self._fresh() if types.jit else plain
-            for layer in self.layers:
-                layer.paint(given, None if self.thickness_varies else float(np.ravel(np.array(dr.detach(self.thickness)))[0]))
+            thickness = None if self.thickness_varies else float(np.ravel(np.array(dr.detach(self.thickness)))[0])
+            derived = [layer.derived(given, thickness) for layer in self.layers]
+            # Once for all layers, and once more what they gather from it.
+            dr.eval(derived)
+            for layer, of_layer in zip(self.layers, derived):
+                layer.paint(of_layer)
             self.used_depth = given[0]
             if not self.thickness_varies:
                 zero = dr.opaque(types.Float, 0.0)
@@ -254,6 +259,7 @@ def _pearl(base):
             # What Dr.Jit finds by itself of an object is what lies in its own attributes, lists among them.
             parts = (self.layers, self.chances, self.used_depth, None if self.thickness_varies else self.used_thickness)
             self.reachable = list(reachable(parts)) if types.jit else []
+            dr.eval(self.reachable)
 
         def _check_tint(self, tint):
             """In spectral variants a tint belongs to wavelengths, and those of a channel move with the thickness."""

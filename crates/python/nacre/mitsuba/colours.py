@@ -119,22 +119,22 @@ class Deriver:
     def __init__(self, palette, ops):
         self.ops, self.channels, self.one_limit = ops, palette.channels, palette.one_limit
         flat = lambda rows: ops.array(np.broadcast_to(rows, (palette.channels, curves.NODES)).ravel())
-        self.set_tint_weights(palette.tint_weights)
+        self.tint_weights = self._columns(palette.tint_weights)
         self.modulation, self.emission = flat(palette.modulation), flat(palette.emission)
         self.plain, self.modulated = flat(palette.plain.sum(axis=0)), flat(palette.modulated.sum(axis=0))
         self.hemispherical = flat(palette.hemispherical)
 
-    def set_tint_weights(self, weights):
-        """[channel, rgb]."""
-        self.tint_weights = [self.ops.array(column) for column in weights.T]
+    def _columns(self, weights):
+        return [self.ops.array(column) for column in weights.T]
 
-    def tint_of(self, tint):
-        """The tint of every channel."""
-        return sum(weight * channel for weight, channel in zip(self.tint_weights, tint))
+    def tint_of(self, tint, weights=None):
+        """The tint of every channel; `weights` in place of those of the palette."""
+        columns = self.tint_weights if weights is None else self._columns(weights)
+        return sum(weight * channel for weight, channel in zip(columns, tint))
 
-    def __call__(self, depth, brightness, coherence, tint):
+    def __call__(self, depth, brightness, coherence, tint, weights=None):
         ops, n = self.ops, curves.NODES
-        tint = ops.repeat(self.tint_of(tint), n)
+        tint = ops.repeat(self.tint_of(tint, weights), n)
         factor = brightness * ((1.0 - coherence) + coherence * tint * self.modulation)
         albedo = brightness * ((1.0 - coherence) * self.plain + coherence * tint * self.modulated)
         albedo = ops.maximum(albedo, 0.0)

@@ -1,5 +1,6 @@
 """The lobes of one band of a table, and what the controls make of its colours."""
 
+from copy import copy
 from functools import partial
 
 import drjit as dr
@@ -31,12 +32,22 @@ class Layer:
         self.derive = Deriver(palette, types if types.jit else NumPy)
         self.colours = None
 
-    def paint(self, controls, thickness):
-        """Takes depth, brightness, coherence and tint, and the thickness, if it is one number."""
-        if self.means is not None and thickness is not None:
-            # A channel stands for another wavelength.
-            self.derive.set_tint_weights(reflectances(thickness * self.channel_nm))
-        self.colours = self.painter(self.types, self.derive(*controls), self.channel_nm, self.means)
+    @classmethod
+    def of(cls, types, table, sampled):
+        """A layer of one pearl: what it has of the table alone it shares with those of all pearls of the variant."""
+        if types.variant not in table.layers:
+            table.layers[types.variant] = cls(types, table, sampled)
+        return copy(table.layers[types.variant])
+
+    def derived(self, controls, thickness):
+        """What follows from depth, brightness, coherence and tint, and from the thickness, if it is one number."""
+        # At another thickness a channel stands for another wavelength.
+        moved = self.means is not None and thickness is not None
+        return self.derive(*controls, reflectances(thickness * self.channel_nm) if moved else None)
+
+    def paint(self, derived):
+        """Takes what was derived, evaluated."""
+        self.colours = self.painter(self.types, derived, self.channel_nm, self.means)
 
     def seen(self, pair, active):
         """Where a pair lies in the table: what `lobes` asks for."""

@@ -5,6 +5,7 @@ single precision. So that grazing directions keep their digits, angles near the 
 (π/2 − θ), and the half vector follows from differences that do not cancel.
 """
 
+from copy import copy
 from dataclasses import dataclass
 
 import drjit as dr
@@ -264,9 +265,11 @@ class Tabulated:
         self.table = table
         self._set(table.values, table.densities, table.span_curves[..., 2:])
 
-    def set_values(self, values, data=None):
-        """Other values, [incidence, row, column, lobe], and the (differentiable) array to read them from."""
-        self._set(values, values * self.table.measure[..., None], None, data)
+    def with_values(self, values, data):
+        """The same with other values, [incidence, row, column, lobe], and the (differentiable) array to read them from."""
+        other = copy(self)
+        other._set(values, values * self.table.measure[..., None], None, data)
+        return other
 
     def _set(self, values, density, caps, data=None):
         """Values and what is sampled of each; shares of that around the normal at the steps of spans, where they are known."""

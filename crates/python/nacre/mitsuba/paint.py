@@ -5,6 +5,7 @@ neighbouring nodes.
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import drjit as dr
 import numpy as np
@@ -43,6 +44,23 @@ def _base(types, derived):
 def _limits(types, limit):
     """Whether the first term has to be limited anywhere; where it has not, nothing is read."""
     return bool(dr.any(dr.detach(limit) < 1.0)) if types.jit else bool((np.asarray(limit) < 1.0).any())
+
+
+@cache
+def _channel_places(types, count, scales=1):
+    """Width of the records of so many channels, and where their numbers lie: at nodes, and by channel."""
+    width = 1 if count == 1 else 4
+    # A fourth channel fills the record: it repeats the third.
+    channel = np.arange(scales)[:, None] * count + np.minimum(np.arange(width), count - 1)
+    return width, types.indices(channel[:, None] * curves.NODES + _NODES[:, None]), types.indices(channel)
+
+
+@cache
+def _band_places(types, last):
+    """Where the numbers lie of records of one place: a band at a node and at the next, then the band above; and of bands and the next."""
+    node = np.minimum(_NODES[:, None] + np.array([0, 1, 0, 1]), curves.STEPS)
+    band = np.arange(last)[:, None, None] + np.array([0, 0, 1, 1])
+    return types.indices(band * curves.NODES + node), types.indices(np.arange(last)[:, None] + np.array([0, 1]))
 
 
 @dataclass
@@ -90,14 +108,11 @@ class Channels:
     def __init__(self, types, derived, _bands, _means):
         self.types = types
         self.count = len(derived.left)
-        width = 1 if self.count == 1 else 4
-        # A fourth channel fills the record: it repeats the third.
-        channel = np.minimum(np.arange(width), self.count - 1)
-        places = channel * curves.NODES + _NODES[:, None]
+        width, places, channels = _channel_places(types, self.count)
         store = lambda flat: types.rearranged(flat, places, width)
         self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
         self.limit = store(derived.limit) if _limits(types, derived.limit) else None
-        self.base = types.rearranged(_base(types, derived), channel[None], width)
+        self.base = types.rearranged(_base(types, derived), channels, width)
 
     def shade(self, light, places, body, wavelengths, active, _thickness=None):
         """`Light.coloured` of all channels. places: of the viewer, of the light, and of θd."""
@@ -111,13 +126,11 @@ class Scaled:
     def __init__(self, types, derived, _bands, _means, scales):
         self.types = types
         self.count = len(derived.left) // scales
-        width = 1 if self.count == 1 else 4
-        channel = np.arange(scales)[:, None] * self.count + np.minimum(np.arange(width), self.count - 1)
-        places = channel[:, None] * curves.NODES + _NODES[:, None]
+        width, places, channels = _channel_places(types, self.count, scales)
         store = lambda flat: types.rearranged(flat, places, width)
         self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
         self.limit = store(derived.limit) if _limits(types, derived.limit) else None
-        self.base = types.rearranged(_base(types, derived), channel, width)
+        self.base = types.rearranged(_base(types, derived), channels, width)
 
     def shade(self, light, places, body, wavelengths, active, thickness):
         """`Light.coloured` of all channels. places: of the viewer, of the light, and of θd."""
@@ -139,14 +152,11 @@ class Bands:
         self.means = None if means is None else types.store(means, 1)
         self.first, self.last = float(bands[0]), len(bands) - 1
         self.per_nm = float(self.last / (bands[-1] - bands[0]))
-        # Records of one place: a band at a node and at the next, then the band above.
-        node = np.minimum(_NODES[:, None] + np.array([0, 1, 0, 1]), curves.STEPS)
-        band = np.arange(self.last)[:, None, None] + np.array([0, 0, 1, 1])
-        store = lambda flat: types.rearranged(flat, band * curves.NODES + node, 4)
+        places, bands = _band_places(types, self.last)
+        store = lambda flat: types.rearranged(flat, places, 4)
         self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
         self.limit = store(derived.limit) if _limits(types, derived.limit) else None
-        low = np.arange(self.last)[:, None]
-        self.base = types.rearranged(_base(types, derived), low + np.array([0, 1]), 2)
+        self.base = types.rearranged(_base(types, derived), bands, 2)
 
     def shade(self, light, places, body, wavelengths, active, thickness=None):
         """`Light.coloured` at the wavelengths. places: of the viewer, of the light, and of θd."""

@@ -41,13 +41,13 @@ class ScalarStore:
     """The same in plain Python floats."""
 
     def __init__(self, types, data, width):
-        self.records = np.asarray(data, np.float64).reshape(-1, width).tolist()
+        self.records = np.asarray(data, np.float64).reshape(-1, width)
 
     def read(self, index, active):
-        return self.records[index]
+        return self.records[index].tolist()
 
     def between(self, index, fraction, active):
-        return [x + fraction * (y - x) for x, y in zip(self.records[index], self.records[index + 1])]
+        return [x + fraction * (y - x) for x, y in zip(self.read(index, active), self.read(index + 1, active))]
 
 
 class Types:
@@ -78,14 +78,15 @@ class Types:
         """A store of records."""
         return self.Store(self, self.array(values), width)
 
+    def indices(self, places):
+        """Places of an array, for `rearranged`."""
+        return self.UInt32(np.ravel(places).astype(np.uint32)) if self.jit else np.ravel(places)
+
     def rearranged(self, flat, places, width):
-        """A store of records whose numbers are those of a flat array (of Dr.Jit, differentiable, or NumPy's) at `places`."""
-        places = np.ravel(places)
+        """A store of records whose numbers are those of a flat array (of Dr.Jit, differentiable, or NumPy's) at `indices`."""
         if not self.jit:
             return self.Store(self, flat[places], width)
-        records = dr.gather(self.Float, flat, self.UInt32(places.astype(np.uint32)))
-        dr.eval(records)
-        return self.Store(self, records, width)
+        return self.Store(self, dr.gather(self.Float, flat, places), width)
 
     def floor(self, x):
         """x ≥ 0 as an index."""

@@ -53,6 +53,8 @@ class Table:
     arrays: Doubles = field(repr=False)
     #: What `colours` makes of it, by kind.
     palettes: dict = field(default_factory=dict, repr=False)
+    #: What `layer` makes of it, by variant.
+    layers: dict = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, stored, name):
@@ -63,7 +65,7 @@ class Table:
     def bands(self):
         """The table at each of its wavelengths, its own first."""
         further = range(1, len(self.arrays["wavelength_nm"]))
-        return [self, *(replace(self, arrays=self.arrays.of_band(k), palettes={}) for k in further)]
+        return [self, *(replace(self, arrays=self.arrays.of_band(k), palettes={}, layers={}) for k in further)]
 
     @cached_property
     def axis(self):
