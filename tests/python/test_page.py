@@ -205,6 +205,9 @@ def test_pictures_are_the_same_for_the_same_seed(open_page):
     assert abs(one.mean() / other.mean() - 1) < 0.1 and one.max() > 0
     with pytest.raises(Exception, match="scene: cube is not known; expected one of sphere-environment"):
         chromium.render(page, "cube", 16, 1)
+    for size, samples, why in ((0, 1, "width: 0 is not valid"), (16, 0.5, "samples: 0.5 is not valid; expected a whole number from 1")):
+        with pytest.raises(Exception, match=why):
+            chromium.render(page, "sphere-point", size, samples)
     page.context.close()
 
 
@@ -230,6 +233,8 @@ def test_the_page_keeps_its_state_and_says_nothing(open_page):
     assert copy.evaluate("nacre.state()") == page.evaluate("nacre.state()")
     for wrong, why in ((
         ("{ depth: 2 }", "depth: 2 is not valid; expected a number from 0 to 1"),
+        ("{ depth: null }", "depth: null is not valid; expected a number from 0 to 1"),
+        ("{ body_rgb: [1, 2, 0] }", r"body_rgb: \[1,2,0\] is not valid; expected three numbers from 0 to 1"),
         ("{ colour: 1 }", "colour is not known"),
         ("{ light: 'moon' }", "light: moon is not known"),
     )):  # fmt: skip
@@ -254,7 +259,7 @@ def test_bright_light_is_shown_without_a_change_of_hue_and_other_light_as_it_is(
           const film = texture(gl, 4, light.length, 1, Float32Array.from(light.flat()));
           const target = new Target(gl, light.length, 1);
           target.bind();
-          new Program(gl, SHOW).draw({ uView: [0, 0, light.length, 1], uExposure: 1, uBackground: [0, 0, 0] }, { uFilm: film });
+          new Program(gl, SHOW).draw({ uExposure: 1, uBackground: [0, 0, 0] }, { uFilm: film });
           return [...await target.read()];
         }""",
         light.tolist(),
@@ -265,6 +270,24 @@ def test_bright_light_is_shown_without_a_change_of_hue_and_other_light_as_it_is(
     assert np.abs(linear[:2] - light[:2]).max() < 1e-5
     assert np.abs(linear / linear.max(axis=1, keepdims=True) - light / light.max(axis=1, keepdims=True)).max() < 1e-4
     assert 0.6 < linear[2].max() < linear[3].max() < 1.0
+    page.context.close()
+
+
+def test_what_is_read_under_the_pointer_follows_the_picture(open_page):
+    page = open_page(canvas=True, viewport={"width": 800, "height": 500})
+    lightness = "Number(document.querySelector('#readout span:nth-of-type(2)')?.textContent.trim().split(/\\s+/)[0] ?? NaN)"
+    box = page.locator("#view").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.wait_for_function(f"{lightness} > 0")
+    before = page.evaluate(lightness)
+    # The pointer rests.
+    page.evaluate("nacre.set({ exposure_ev: -3 })")
+    page.wait_for_function(f"{lightness} < {before - 20}")
+    # Nor does a reading come late.
+    page.mouse.move(5, 5)
+    page.evaluate("nacre.set({ exposure_ev: 0 })")
+    page.wait_for_timeout(300)
+    assert page.locator("#readout").is_hidden()
     page.context.close()
 
 
@@ -279,6 +302,9 @@ def test_a_sheet_wastes_little_of_the_stage(open_page):
         for k, (x, y, w, h) in enumerate(tiles):
             apart = (tiles[:, 0] >= x + w) | (tiles[:, 0] + tiles[:, 2] <= x) | (tiles[:, 1] >= y + h) | (tiles[:, 1] + tiles[:, 3] <= y)
             assert np.delete(apart, k).all(), count
+    # Names on it tell its pearls apart.
+    page.evaluate("[0, 1, 2].forEach(() => nacre.page.keep())")
+    assert page.evaluate("nacre.page.pearls.tray.map(({ name }) => name)") == ["pearl", "pearl 2", "pearl 3"]
     # A pearl that is replaced while the plots look at it is not asked for.
     page.evaluate("""async () => {
       const { page } = nacre;

@@ -1,4 +1,4 @@
-"""three.js in a browser shows with `lut export --to three` what the Mitsuba plugin says.
+"""three.js in a browser shows with `lut export --to three` what the Mitsuba plugin says; what a frame of it and of our page takes.
 
 Part of `cargo xtask renderers`, which installs three.js and the plugin. All of it runs by SwiftShader, in chromium.
 """
@@ -77,6 +77,46 @@ async ([light, look, size, samples, sky]) => {
   renderer.readRenderTargetPixels(target, 0, 0, size, size, pixels);
   renderer.dispose();
   return pack(pixels);
+}"""
+
+#: Milliseconds of frames of the page and of three's iridescent material, in turn.
+COST = """
+async ([size, times]) => {
+  const THREE = await import("three"), { harnessScene } = await import("nacre/scenes.js"), { Target } = await import("nacre/gl.js");
+  const { SHOW } = await import("nacre/glsl/trace.js");
+  const scene = new THREE.Scene();
+  const iridescence = { iridescence: 1, iridescenceIOR: 1.53, iridescenceThicknessRange: [450, 450] };
+  scene.add(new THREE.Mesh(new THREE.SphereGeometry(1, 96, 64), new THREE.MeshPhysicalMaterial({ color: 0xcfcdc8, roughness: 0.2, ...iridescence })));
+  const lamp = new THREE.PointLight(0xffffff, 45, 0, 2);
+  lamp.position.set(-2, -4, 3);
+  scene.add(lamp);
+  const camera = new THREE.PerspectiveCamera((2 * Math.atan(0.185) * 180) / Math.PI, 1, 0.1, 100);
+  camera.up.set(0, 0, 1);
+  camera.position.set(0, -6, 1.5);
+  camera.lookAt(0, 0, 0);
+  const three = new THREE.WebGLRenderer({ antialias: false });
+  three.setSize(size, size, false);
+  const { renderer, pearls } = nacre.page, { gl } = renderer;
+  const world = { ...harnessScene("sphere-point"), grain: 0, floor: [0, 0, 0], vertices: 1 };
+  const film = { width: size, height: size, front: new Target(gl, size, size), back: new Target(gl, size, size), passes: 0, rows: 0, samples: 0 };
+  const shown = new Target(gl, size, size, 1, true);
+  const seen = (gl, picture) => {
+    const pixels = new Uint8Array(4 * size * size);
+    gl.readPixels(0, 0, size, size, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    if (!pixels.some((value, k) => k % 4 < 3 && value > 100)) throw new Error(`${picture} shows nothing`);
+  };
+  const theirs = () => { three.render(scene, camera); seen(three.getContext(), "three.js"); };
+  const ours = () => {
+    film.front.clear();
+    do renderer.trace(film, pearls.of.a, world, size, 1, 1); while (film.rows);
+    shown.bind();
+    renderer.program(SHOW).draw({ uExposure: 1, uBackground: [0, 0, 0] }, { uFilm: film.front.textures[0] });
+    seen(gl, "the page");
+  };
+  const time = (frame) => { const begun = performance.now(); frame(); return performance.now() - begun; };
+  const found = [[], []];
+  for (let k = -2; k < times; k++) [ours, theirs].forEach((frame, way) => { const took = time(frame); if (k >= 0) found[way].push(took); });
+  return found;
 }"""
 
 
@@ -257,3 +297,20 @@ def test_a_look_is_changed_and_a_wrong_one_refused(exported):
     }""")
     assert said[0]["depth"] == 0.25 and said[0]["brightness"] == 0.5
     assert said[1].startswith("look: colour is not known; expected one of depth, brightness")
+
+
+@pytest.mark.parametrize("recipe", ["paper", "akoya"])
+def test_a_frame_of_the_page_takes_at_most_three_of_threes_iridescent_material(recipe, site, browser):
+    """The same sphere under the same lamp, in turn; a frame is what is shown, and its pixels are waited for. Of a lobe at one
+    wavelength: each further one is a lobe more."""
+    folder, url = site
+    run("bake-brdf", recipe, "--solver", "doubling", "--accuracy", 2, "-q", "-o", folder / "pearl.exr")
+    run("lut", "export", folder / "pearl.exr", "--to", "arrays", "-q", "-o", folder / "pearl.npz")
+    html = chromium.alone((folder / "pearl.npz").read_bytes())
+    (folder / "page.html").write_text(html.replace('{"imports": {', '{"imports": {"three": "/three/build/three.module.js", ', 1))
+    page = browser.visit(url + "page.html", offline=False, viewport={"width": 400, "height": 300})
+    page.evaluate("nacre.ready.then(() => { nacre.page.renderer.paused = true; })")
+    ours, theirs = (np.median(times) for times in page.evaluate(COST, [512, 15]))
+    print(f"{recipe}: {ours:.1f} ms, MeshPhysicalMaterial {theirs:.1f} ms, {ours / theirs:.2f} times")
+    page.context.close()
+    assert ours <= 3 * theirs

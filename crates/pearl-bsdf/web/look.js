@@ -152,8 +152,8 @@ export const COMMON_ROWS = 2;
 export const BAND_ROWS = 3;
 
 /**
- * The texture of curves, RGBA, one row a curve: chances; tint·Ê; then of each band the colour of the lobes over θd (and the
- * factor of the single reflection), what is left for the base (1 − A), and the limit of the lobes.
+ * The texture of curves, RGBA, one row a curve: chances; tint·Ê; then of each band the colour of the lobes over θd, what is left
+ * for the base (1 − A; and the factor of the single reflection), and the limit of the lobes.
  * @param {Table} table
  * @param {Look} look
  * @param {Shown} shown
@@ -175,7 +175,7 @@ export function paint(table, look, shown) {
     }
     const from = 4 * nodes * (COMMON_ROWS + BAND_ROWS * band);
     for (let k = 0; k < nodes; k++) {
-      curves[from + 4 * k + 3] = table.arrays.mirror.data[band * nodes + k];
+      curves[from + 4 * (nodes + k) + 3] = table.arrays.mirror.data[band * nodes + k];
       for (let c = 0; c < 3; c++) {
         const at = c * nodes + k;
         curves[from + 4 * k + c] = look.brightness * (1 + look.coherence * (of.tint[c] * of.modulation[at] - 1));

@@ -146,12 +146,14 @@ function set(gl, { at, type }, value) {
  * @param {number} width
  * @param {number} height
  * @param {Float32Array | null} data
+ * @param {boolean} [bytes] whether it holds bytes instead, of four channels
  */
-export function texture(gl, channels, width, height, data) {
+export function texture(gl, channels, width, height, data, bytes = false) {
   const made = /** @type {WebGLTexture} */ (gl.createTexture());
   gl.bindTexture(gl.TEXTURE_2D, made);
   const format = { 1: [gl.R32F, gl.RED], 2: [gl.RG32F, gl.RG], 4: [gl.RGBA32F, gl.RGBA] }[channels] ?? [];
-  gl.texImage2D(gl.TEXTURE_2D, 0, format[0], width, height, 0, format[1], gl.FLOAT, data);
+  if (bytes) gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
+  else gl.texImage2D(gl.TEXTURE_2D, 0, format[0], width, height, 0, format[1], gl.FLOAT, data);
   for (const [name, value] of [
     [gl.TEXTURE_MIN_FILTER, gl.NEAREST], [gl.TEXTURE_MAG_FILTER, gl.NEAREST],
     [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE],
@@ -188,12 +190,13 @@ export class Target {
    * @param {number} width
    * @param {number} height
    * @param {number} [count] of textures
+   * @param {boolean} [bytes] of bytes
    */
-  constructor(gl, width, height, count = 1) {
+  constructor(gl, width, height, count = 1, bytes = false) {
     this.gl = gl;
     this.width = width;
     this.height = height;
-    this.textures = Array.from({ length: count }, () => texture(gl, 4, width, height, null));
+    this.textures = Array.from({ length: count }, () => texture(gl, 4, width, height, null, bytes));
     this.buffer = gl.createFramebuffer();
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.buffer);
     const attachments = this.textures.map((made, k) => {

@@ -136,7 +136,7 @@ function start() {
     } while (plotAgain);
     plotting = false;
   }
-  listen(page, {
+  const read = listen(page, {
     stage: find("stage"), divider: find("divider"), readout: find("readout"),
     onangle: (degrees) => { angle = Math.min(degrees, 89); angleControl.update(); void plot(); },
   });
@@ -177,13 +177,14 @@ function start() {
         page.apply();
         captions();
       } }, "×") : "";
-      return element("figure", { style }, element("span", {}, name), stars, remove);
+      return element("figure", { style }, element("figcaption", {}, name, stars), remove);
     }));
   }
   page.renderer.onframe = () => {
     const { renderer } = page;
     if (renderer.pictures.length === 0) return;
     page.canvas.classList.add("live");
+    read();
     const samples = Math.min(...renderer.pictures.map(({ film }) => film.samples));
     const scale = renderer.pictures[0].film.width / renderer.pictures[0].slot.area[2];
     find("status").textContent = `${scale < 0.99 ? "Preview, " : ""}${samples} ${samples === 1 ? "sample" : "samples"} a pixel`;

@@ -221,7 +221,8 @@ export class Page {
     if (!a || !width || !height) return [];
     if (state.view === "sheet") {
       const tiles = [{ pearl: a, grain: state.a.grain }, ...pearls.tray.map(({ pearl, side }) => ({ pearl, grain: side.grain }))];
-      return this.tiles(tiles.length).map((area, k) => ({ pearl: tiles[k].pearl, area, clip: area, grain: tiles[k].grain }));
+      const framed = (/** @type {number[]} */ [x, y, w, h]) => [x + 1, y + 1, w - 2, h - 2];
+      return this.tiles(tiles.length).map((area, k) => ({ pearl: tiles[k].pearl, area, clip: framed(area), grain: tiles[k].grain }));
     }
     if (state.view === "split" && b) {
       const at = Math.round(width * state.divider);
@@ -278,7 +279,11 @@ export class Page {
     const look = { ...this.state[side] };
     const own = new (/** @type {any} */ (pearl.constructor))(this.gl, pearl.table);
     own.paint(pearl.look, pearl.shown);
-    this.pearls.tray.push({ pearl: own, name: look.name || "pearl", stars: 0, side: look });
+    const name = look.name || "pearl";
+    const taken = (/** @type {string} */ other) => this.pearls.tray.some((entry) => entry.name === other);
+    let count = 1;
+    while (taken(count > 1 ? `${name} ${count}` : name)) count++;
+    this.pearls.tray.push({ pearl: own, name: count > 1 ? `${name} ${count}` : name, stars: 0, side: look });
     this.onnotice(`On the sheet: ${this.pearls.tray.length + 1} pearls. “Sheet” shows them under one light.`, true);
     this.apply();
     this.onupdate();

@@ -193,7 +193,9 @@ function line(context, xs, ys, ink, dashed = false) {
  */
 export function plotLobe(canvas, facts) {
   const on = surface(canvas);
-  const most = 1.15 * Math.max(...facts.map(({ lobe }) => Math.max(...lobe.blur, ...lobe.base)), 1e-6);
+  const broad = Math.max(...facts.map(({ lobe }) => Math.max(...lobe.blur, ...lobe.base)), 1e-6);
+  // A mirror that is far higher would leave nothing to be seen of the rest: it is cut.
+  const most = 1.15 * Math.max(broad, Math.min(3 * broad, Math.max(...facts.flatMap(({ lobe }) => [...lobe.mirror]))));
   const { px, py, top, bottom, left, right } = axesOf(on, { x: [-90, 90], y: [0, most], marks: [-90, -45, 0, 45, 90], levels: levelsTo(most), unit: "°" });
   const { context, ink } = on;
   context.save();

@@ -59,6 +59,8 @@ class Film {
     this.front = new Target(gl, width, height);
     this.back = new Target(gl, width, height);
     this.front.clear();
+    /** What is shown of it. @type {Target | null} */
+    this.shown = null;
     this.passes = 0;
     /** Change of the picture that it shows. */
     this.stamp = -1;
@@ -68,8 +70,7 @@ class Film {
   }
 
   delete() {
-    this.front.delete();
-    this.back.delete();
+    for (const target of [this.front, this.back, this.shown]) target?.delete();
   }
 }
 
@@ -354,12 +355,16 @@ export class Renderer {
     gl.disable(gl.SCISSOR_TEST);
     gl.clearColor(this.surround[0], this.surround[1], this.surround[2], 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
-    gl.enable(gl.SCISSOR_TEST);
-    for (const { slot, film } of this.pictures) {
-      gl.scissor(slot.clip[0], slot.clip[1], slot.clip[2], slot.clip[3]);
-      this.program(SHOW).draw({ uView: slot.area, uExposure: this.exposure, uBackground: this.background }, { uFilm: film.front.textures[0] });
+    for (const { slot: { area: [x, y, width, height], clip }, film } of this.pictures) {
+      film.shown ??= new Target(gl, film.width, film.height, 1, true);
+      film.shown.bind();
+      this.program(SHOW).draw({ uExposure: this.exposure, uBackground: this.background }, { uFilm: film.front.textures[0] });
+      gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+      gl.enable(gl.SCISSOR_TEST);
+      gl.scissor(clip[0], clip[1], clip[2], clip[3]);
+      gl.blitFramebuffer(0, 0, film.width, film.height, x, y, x + width, y + height, gl.COLOR_BUFFER_BIT, gl.LINEAR);
+      gl.disable(gl.SCISSOR_TEST);
     }
-    gl.disable(gl.SCISSOR_TEST);
     this.onframe();
   }
 
@@ -535,6 +540,14 @@ export class Renderer {
    */
   harness(name, pearl, width, height, samples, seed) {
     const scene = harnessScene(name);
+    const largest = Number(this.gl.getParameter(this.gl.MAX_TEXTURE_SIZE));
+    const whole = (/** @type {string} */ what, /** @type {number} */ value, /** @type {number} */ least, /** @type {number} */ most) => {
+      if (!Number.isInteger(value) || value < least || value > most) throw new Error(`${what}: ${value} is not valid; expected a whole number from ${least} to ${most}`);
+    };
+    whole("width", width, 1, largest);
+    whole("height", height, 1, largest);
+    whole("samples", samples, 1, 1e9);
+    whole("seed", seed, 0, 2 ** 32 - 1);
     return this.picture({ ...scene, grain: 0, floor: [0, 0, 0], vertices: 1 }, pearl, width, height, samples, seed);
   }
 

@@ -65,9 +65,10 @@ export function incidenceAt(page, x, y, width, height) {
 }
 
 /**
- * Listens on the stage.
+ * Listens on the stage. What is given back reads what is under the pointer again.
  * @param {Page} page
  * @param {{stage: HTMLElement, divider: HTMLElement, readout: HTMLElement, onangle: (degrees: number) => void}} parts
+ * @returns {() => void}
  */
 export function listen(page, { stage, divider, readout, onangle }) {
   const { canvas } = page;
@@ -76,6 +77,8 @@ export function listen(page, { stage, divider, readout, onangle }) {
   let pinch = 0;
   let reading = false;
   let last = 0;
+  /** Where the pointer rests on the picture. @type {PointerEvent | null} */
+  let over = null;
 
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
@@ -84,9 +87,10 @@ export function listen(page, { stage, divider, readout, onangle }) {
     pinch = 0;
   });
   canvas.addEventListener("pointermove", (event) => {
+    over = event;
     const before = down.get(event.pointerId);
     if (!before) {
-      void read(event);
+      void read(event, true);
       return;
     }
     down.set(event.pointerId, event);
@@ -113,7 +117,10 @@ export function listen(page, { stage, divider, readout, onangle }) {
   };
   canvas.addEventListener("pointerup", up);
   canvas.addEventListener("pointercancel", up);
-  canvas.addEventListener("pointerleave", () => { readout.hidden = true; });
+  canvas.addEventListener("pointerleave", () => {
+    over = null;
+    readout.hidden = true;
+  });
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
     zoom(Math.exp(-event.deltaY * 0.0012));
@@ -146,13 +153,15 @@ export function listen(page, { stage, divider, readout, onangle }) {
     page.change({ divider: Math.min(Math.max(page.state.divider + way, 0), 1) }, "divider");
   });
 
+  const readable = () => over !== null && page.state.view !== "sheet";
   /**
    * Reads colours under the pointer.
    * @param {PointerEvent} event
+   * @param {boolean} moved whether the angle is to follow
    */
-  async function read(event) {
+  async function read(event, moved) {
     const now = performance.now();
-    if (reading || now - last < READING_MS || page.state.view === "sheet") return;
+    if (reading || now - last < READING_MS || !readable()) return;
     last = now;
     const box = canvas.getBoundingClientRect();
     const [x, y] = [(event.clientX - box.left) / box.width, 1 - (event.clientY - box.top) / box.height];
@@ -162,10 +171,11 @@ export function listen(page, { stage, divider, readout, onangle }) {
       return;
     }
     reading = true;
-    onangle(degrees);
+    if (moved) onangle(degrees);
     const found = [];
     for (let k = 0; k < page.slots().length; k++) found.push(await page.renderer.read(k, x * canvas.width, y * canvas.height, 3 * (canvas.width / box.width)));
     reading = false;
+    if (!readable()) return;
     const colours = found.filter((rgb) => rgb !== null).map((rgb) => rgb.map((v) => v * page.renderer.exposure));
     if (colours.length === 0) return;
     const labs = colours.map(lab);
@@ -178,6 +188,7 @@ export function listen(page, { stage, divider, readout, onangle }) {
     readout.replaceChildren(...rows);
     readout.hidden = false;
   }
+  return () => { if (over) void read(over, false); };
 }
 
 /** @param {number} degrees */

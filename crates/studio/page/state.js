@@ -59,13 +59,16 @@ const SIDE_KEYS = Object.keys(PLAIN_SIDE);
 function checked(key, value, choices) {
   const range = RANGES[key];
   if (range) {
-    const number = Number(value);
-    if (!(number >= range[0] && number <= range[1])) throw new Error(`${key}: ${String(value)} is not valid; expected a number from ${range[0]} to ${range[1]}`);
-    return number;
+    if (!(typeof value === "number" && value >= range[0] && value <= range[1])) {
+      throw new Error(`${key}: ${JSON.stringify(value)} is not valid; expected a number from ${range[0]} to ${range[1]}`);
+    }
+    return value;
   }
   if (key.endsWith("_rgb")) {
-    const list = Array.isArray(value) ? value.map(Number) : [];
-    if (list.length !== 3 || list.some((x) => !(x >= 0 && x <= 1))) throw new Error(`${key}: expected three numbers from 0 to 1`);
+    const list = Array.isArray(value) ? value : [];
+    if (list.length !== 3 || list.some((x) => !(typeof x === "number" && x >= 0 && x <= 1))) {
+      throw new Error(`${key}: ${JSON.stringify(value)} is not valid; expected three numbers from 0 to 1`);
+    }
     return list;
   }
   if (key === "components") {

@@ -331,13 +331,13 @@ Value evaluate(Viewed v, vec3 wo) {
     Read found = readLobes(band, v.at, e, band == 0 ? v.alongs : along(band, v.at));
     if (band == 0) density = found.density;
     vec2 light = found.light;
-    float reflected = single(f, uFacets[band]) * curve(rows, v.place).a;
+    vec4 rest = curve(rows + 1, v.place), restO = curve(rows + 1, atO);
+    float reflected = single(f, uFacets[band]) * rest.a;
 #if RECIPROCAL
     if (swapped) light = readLobes(band, larger, other, along(band, larger)).light * (o.c / i.c);
-    reflected *= curve(rows, atO).a * o.c;
+    reflected *= restO.a * o.c;
 #endif
-    vec3 rest = curve(rows + 1, v.place).rgb * curve(rows + 1, atO).rgb;
-    vec3 base = uWeights[band] * uBase[band] * rest * (body * o.c);
+    vec3 base = uWeights[band] * uBase[band] * rest.rgb * restO.rgb * (body * o.c);
     vec3 colour = uWeights[band] * curve(rows, atD).rgb * curve(rows + 2, v.place).rgb;
     value.diffuse += base * (1.0 - uDepth);
     value.incoherent += base * coloured;

@@ -230,28 +230,16 @@ void main() {
 /** Light up to which a film is shown as it is: brighter light nears white without a change of hue. */
 const SHOULDER = "0.6";
 
-/** Shows a film: its mean, exposed, in sRGB. */
+/** What is shown of a film, pixel by pixel: its mean, exposed, in sRGB. */
 export const SHOW = `
 uniform sampler2D uFilm;
-uniform vec4 uView;       // corner and size in the canvas
 uniform float uExposure;
 uniform vec3 uBackground;
 layout(location = 0) out vec4 oColour;
 
-vec3 at(ivec2 p) {
-  ivec2 size = textureSize(uFilm, 0);
-  vec4 film = texelFetch(uFilm, clamp(p, ivec2(0), size - 1), 0);
-  return film.a > 0.0 ? film.rgb / film.a : uBackground;
-}
-
 void main() {
-  vec2 size = vec2(textureSize(uFilm, 0));
-  vec2 p = (gl_FragCoord.xy - uView.xy) / uView.zw * size - 0.5;
-  ivec2 i = ivec2(floor(p));
-  vec2 t = p - vec2(i);
-  vec3 light = size == uView.zw ? at(ivec2(round(p)))
-    : mix(mix(at(i), at(i + ivec2(1, 0)), t.x), mix(at(i + ivec2(0, 1)), at(i + 1), t.x), t.y);
-  light = max(light * uExposure, 0.0);
+  vec4 film = texelFetch(uFilm, ivec2(gl_FragCoord.xy), 0);
+  vec3 light = max((film.a > 0.0 ? film.rgb / film.a : uBackground) * uExposure, 0.0);
   float most = max(light.r, max(light.g, light.b));
   if (most > ${SHOULDER}) light *= (1.0 - (1.0 - ${SHOULDER}) * exp((${SHOULDER} - most) / (1.0 - ${SHOULDER}))) / most;
   vec3 colour = mix(12.92 * light, 1.055 * pow(light, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, light));
