@@ -101,7 +101,8 @@ def _make_room(newest: Path) -> None:
     """Removes tables that were used longest ago where the folder holds too much."""
     most = float(os.environ.get("NACRE_CACHE_MB") or 1000) * 1e6
     entries = []
-    for path in newest.parent.glob("*.exr"):
+    # The second are what processes left that were killed while they wrote.
+    for path in [*newest.parent.glob("*.exr"), *newest.parent.glob(".nacre-*.part")]:
         try:
             stat = path.stat()
         except FileNotFoundError:
