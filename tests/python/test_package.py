@@ -175,7 +175,8 @@ def test_an_exception_in_progress_stops_a_bake():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of threads are read from /proc")
-def test_a_doubling_that_is_stopped_leaves_no_thread_working():
+@pytest.mark.parametrize("grid", [{"incident_deg": [0, 80], "cells": (20, 10)}, {}], ids=["solves", "places"])
+def test_a_doubling_that_is_stopped_leaves_no_thread_working(grid):
     def named():
         return {path for path in Path("/proc/self/task").glob("*/comm") if path.read_text() == "nacre-bake\n"}
 
@@ -191,8 +192,8 @@ def test_a_doubling_that_is_stopped_leaves_no_thread_working():
 
     narrow, effects = {"facets": {"slope_sd_deg": 1}}, "surface,blur,azimuth:space"
     with pytest.raises(LookupError, match="enough"):
-        nacre.bake(narrow, solver="doubling", accuracy=0.1, incident_deg=[0, 80], cells=(20, 10), effects=effects, threads=2, progress=refuse)
-    # By the processor's time: all of it takes 18 s.
+        nacre.bake(narrow, solver="doubling", accuracy=0.1, effects=effects, threads=2, progress=refuse, **grid)
+    # By the processor's time: all of it takes 18 s with a grid, and more where one is placed first.
     spent = time.process_time()
     while working() and time.process_time() - spent < 9:
         time.sleep(0.01)

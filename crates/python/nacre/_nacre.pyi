@@ -62,7 +62,7 @@ def bake(
     all cores.
 
     `progress` is called with the share of the work that is done and the seconds it took, up to twenty times a second. Ctrl-C stops a
-    bake at once; so does an exception in `progress`. (Placing rows and colours of irregular stacks go on in the background to their end.)
+    bake at once; so does an exception in `progress`.
     """
 
 def walk_shard(

@@ -87,10 +87,10 @@ pub(crate) fn bake(
     };
     let job = Job::new(recipe, look, options, threads)?;
     let table = watched(py, progress, move |observer| {
-        job.run(|request| {
+        job.run(observer.stop, |request| {
             if reciprocal {
                 // Before anything is solved.
-                can_be_reciprocal(&request.bands()?)?;
+                can_be_reciprocal(&request.bands_unless(observer.stop)?)?;
             }
             let table = solve(request, observer)?;
             if reciprocal { symmetrised(&table) } else { Ok(table) }
@@ -122,7 +122,7 @@ pub(crate) fn walk_shard<'py>(
     let options = Options { target, ..options(incident_deg, cells, effects, azimuth, seed)? };
     let job = Job::new(recipe, look, options, threads)?;
     let shard = watched(py, None, move |observer| {
-        job.run(|request| snapshot::walk_shard(request, Shard { index, count }, observer))
+        job.run(observer.stop, |request| snapshot::walk_shard(request, Shard { index, count }, observer))
     });
     Ok(PyBytes::new(py, &shard?.encode().map_err(failure)?))
 }
@@ -193,12 +193,13 @@ impl Job {
 
     fn run<T: Send>(
         self,
+        stop: &AtomicBool,
         work: impl FnOnce(&Request) -> Result<T, BakeError> + Send,
     ) -> Result<T, BakeError> {
         let Self { recipe, view, options, pool } = self;
         let work = || {
             let (recipe, decisions) = options.decide(recipe, &view)?;
-            work(&Request::of(recipe, decisions.set(), options)?)
+            work(&Request::of_unless(stop, recipe, decisions.set(), options)?)
         };
         match &pool {
             Some(pool) => pool.install(work),
