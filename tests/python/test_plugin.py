@@ -880,6 +880,17 @@ def test_a_change_of_one_pearls_table_reaches_no_other(variant, tables):
         np.testing.assert_array_equal(plugin(other, wi, wo)[0], before)
 
 
+@pytest.mark.skipif(bool(LLVM_MISSING), reason=LLVM_MISSING or "")
+@pytest.mark.parametrize("body", [{}, {"body_color": rgb(GREY)}], ids=["own body", "body"])
+def test_hundreds_of_pearls_are_loaded_at_once(body, tables):
+    """Mitsuba loads objects side by side; one that waits has the next one loaded within it."""
+    llvm.use("llvm_ad_rgb")
+    pearl = {"type": "pearl", "filename": str(tables["decay"]), **body}
+    scene = {f"bead {k}": {"type": "sphere", "center": [3 * k, 0, 0], "bsdf": {**pearl, "brightness": k / 400}} for k in range(400)}
+    shapes = mi.load_dict({"type": "scene", **scene}).shapes()
+    assert sorted(round(400 * float(shape.bsdf().brightness[0])) for shape in shapes) == list(range(400))
+
+
 def scaled_lut(bsdf, change):
     values = np.array(mi.traverse(bsdf)["lut"]).copy()
     change(values)

@@ -90,12 +90,14 @@ def _pearl(base):
             self._set_body(props)
             types = self.types
             number = types.Float if types.jit else dr.scalar.Array1f
-            self._set_thickness(props, number)
+            scales = self._set_thickness(props, number)
             self._components()
             self.depth, self.brightness = number(controls.depth), number(controls.brightness)
             self.coherence, self.tint = number(controls.coherence), types.Color3f(controls.tint)
             self._take()
-            self._derive()
+            # From what is known already: who asks Dr.Jit for numbers waits for them, and Mitsuba, which loads many objects at once, loads
+            # the next one within this one meanwhile, and so on: a few hundred pearls went deeper than Python goes.
+            self._derive((controls.depth, controls.brightness, controls.coherence, controls.tint), scales)
 
         def _take(self):
             """What of the table alone is evaluated."""
@@ -126,30 +128,32 @@ def _pearl(base):
             name = "body_color"
             if name not in props:
                 self.body_rgb = parameters.body(self.table)
-                self.body = mi.load_dict({"type": "rgb", "value": self.body_rgb})
+                self.body = mi.load_dict({"type": "rgb", "value": self.body_rgb}, parallel=False)
                 return
             self.body_rgb = parameters.plain_colour(props, name)
             try:
                 self.body = props.get_texture(name, 0.5)
             except RuntimeError:
                 raise PearlError(f"pearl: {name}: is no colour, spectrum or texture") from None
-            self._check_body()
+            if self.body_rgb is None:
+                self._check_body()
 
         def _set_thickness(self, props, number):
-            """A number, or a texture."""
+            """A number, or a texture; gives what `_scales` does."""
             scale = parameters.plain_thickness(props) if "thickness" in props else 1.0
             self.thickness_varies = scale is None
             if scale is not None:
                 self.thickness = number(scale)
-                return
+                return [scale]
             try:
                 self.thickness = props.get_texture("thickness", 1.0)
             except RuntimeError:
                 raise PearlError("pearl: thickness: is no number or texture") from None
+            return None
 
-        def _check_thickness(self):
-            if not self.thickness_varies:
-                return parameters.check_thickness(np.ravel(np.array(dr.detach(self.thickness))).tolist(), self.table)
+        def _check_thickness(self, scales):
+            if scales is not None:
+                return parameters.check_thickness(scales, self.table)
             for key, value in mi.traverse(self.thickness).items():
                 numbers = _numbers(value) if key.split(".")[-1] in ("data", "value", "values") else None
                 if numbers is not None:
@@ -214,7 +218,7 @@ def _pearl(base):
                 self.layers[0].tabulated = self.tabulated
             if self.recipe is not None:
                 self._bake_what_is_called_for()
-            self._derive()
+            self._derive(self._values(), self._scales())
 
         def _values(self):
             """Depth, brightness, coherence and tint as plain numbers."""
@@ -225,6 +229,10 @@ def _pearl(base):
                 controls.append(values[0] if len(values) == 1 else values)
             return *controls, plain("tint")
 
+        def _scales(self):
+            """The thickness as plain numbers, of which there should be one; None of a texture."""
+            return None if self.thickness_varies else np.ravel(np.array(dr.detach(self.thickness))).tolist()
+
         def _fresh(self):
             """The controls for arithmetic: Dr.Jit 1.5 widens a literal 0 in place where it multiplies a longer array, and the
             artist's own parameters must stay single numbers."""
@@ -232,25 +240,24 @@ def _pearl(base):
             fresh = (value + zero for value in (self.depth, self.brightness, self.coherence))
             return *fresh, [channel + zero for channel in self.tint]
 
-        def _derive(self):
-            """Everything that follows from the controls."""
+        def _derive(self, plain, scales):
+            """Everything that follows from the controls: `_values` and `_scales`."""
             types = self.types
-            plain = self._values()
             for name, value in zip(("depth", "brightness", "coherence"), plain):
                 parameters.number(name, value)
             parameters.colour("tint", plain[3])
-            self._check_thickness()
+            self._check_thickness(scales)
             self._check_tint(plain[3])
             if self.recipe is None:
                 # Of a recipe nothing is missing that would show.
                 parameters.check_parts(self.table, plain[0], plain[2])
             given = self._fresh() if types.jit else plain
-            thickness = None if self.thickness_varies else float(np.ravel(np.array(dr.detach(self.thickness)))[0])
+            thickness = scales[0] if scales else None
             derived = [layer.derived(given, thickness) for layer in self.layers]
             # Once for all layers, and once more what they gather from it.
             dr.eval(derived)
             for layer, of_layer in zip(self.layers, derived):
-                layer.paint(of_layer)
+                layer.paint(of_layer, layer.is_limited(plain, thickness))
             self.used_depth = given[0]
             if not self.thickness_varies:
                 zero = dr.opaque(types.Float, 0.0)

@@ -119,9 +119,11 @@ class Deriver:
     def __init__(self, palette, ops):
         self.ops, self.channels, self.one_limit = ops, palette.channels, palette.one_limit
         flat = lambda rows: ops.array(np.broadcast_to(rows, (palette.channels, curves.NODES)).ravel())
+        self.palette_weights = palette.tint_weights
         self.tint_weights = self._columns(palette.tint_weights)
         self.modulation, self.emission = flat(palette.modulation), flat(palette.emission)
-        self.plain, self.modulated = flat(palette.plain.sum(axis=0)), flat(palette.modulated.sum(axis=0))
+        self.albedo = palette.plain.sum(axis=0), palette.modulated.sum(axis=0)
+        self.plain, self.modulated = map(flat, self.albedo)
         self.hemispherical = flat(palette.hemispherical)
 
     def _columns(self, weights):
@@ -131,6 +133,12 @@ class Deriver:
         """The tint of every channel; `weights` in place of those of the palette."""
         columns = self.tint_weights if weights is None else self._columns(weights)
         return sum(weight * channel for weight, channel in zip(columns, tint))
+
+    def is_limited(self, _depth, brightness, coherence, tint, weights=None):
+        """Whether the albedo passes 1 anywhere, of plain numbers: where it does not, no limit needs to be read."""
+        plain, modulated = self.albedo
+        tint = (self.palette_weights if weights is None else weights) @ tint
+        return bool((brightness * ((1.0 - coherence) * plain + coherence * tint[:, None] * modulated) > 1.0).any())
 
     def __call__(self, depth, brightness, coherence, tint, weights=None):
         ops, n = self.ops, curves.NODES

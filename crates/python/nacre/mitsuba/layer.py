@@ -41,13 +41,20 @@ class Layer:
 
     def derived(self, controls, thickness):
         """What follows from depth, brightness, coherence and tint, and from the thickness, if it is one number."""
+        return self.derive(*controls, self._tint_weights(thickness))
+
+    def is_limited(self, controls, thickness):
+        """Whether the first term has to be limited anywhere, of plain numbers."""
+        return self.derive.is_limited(*controls, self._tint_weights(thickness))
+
+    def _tint_weights(self, thickness):
         # At another thickness a channel stands for another wavelength.
         moved = self.means is not None and thickness is not None
-        return self.derive(*controls, reflectances(thickness * self.channel_nm) if moved else None)
+        return reflectances(thickness * self.channel_nm) if moved else None
 
-    def paint(self, derived):
+    def paint(self, derived, limited):
         """Takes what was derived, evaluated."""
-        self.colours = self.painter(self.types, derived, self.channel_nm, self.means)
+        self.colours = self.painter(self.types, derived, limited, self.channel_nm, self.means)
 
     def seen(self, pair, active):
         """Where a pair lies in the table: what `lobes` asks for."""

@@ -41,11 +41,6 @@ def _base(types, derived):
     return np.where(derived.left > 1e-12, 1.0 / (_PI * np.maximum(derived.left, 1e-12)), 0.0)
 
 
-def _limits(types, limit):
-    """Whether the first term has to be limited anywhere; where it has not, nothing is read."""
-    return bool(dr.any(dr.detach(limit) < 1.0)) if types.jit else bool((np.asarray(limit) < 1.0).any())
-
-
 @cache
 def _channel_places(types, count, scales=1):
     """Width of the records of so many channels, and where their numbers lie: at nodes, and by channel."""
@@ -105,13 +100,13 @@ def _shaded(channels, read, scale, light, places, body, wavelengths):
 class Channels:
     """One or three channels, each read by itself (rgb, mono; tables without colour)."""
 
-    def __init__(self, types, derived, _bands, _means):
+    def __init__(self, types, derived, limited, _bands, _means):
         self.types = types
         self.count = len(derived.left)
         width, places, channels = _channel_places(types, self.count)
         store = lambda flat: types.rearranged(flat, places, width)
         self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
-        self.limit = store(derived.limit) if _limits(types, derived.limit) else None
+        self.limit = store(derived.limit) if limited else None
         self.base = types.rearranged(_base(types, derived), channels, width)
 
     def shade(self, light, places, body, wavelengths, active, _thickness=None):
@@ -123,13 +118,13 @@ class Channels:
 class Scaled:
     """`Channels` of a table with scales of the thicknesses: as many places of each as there are scales."""
 
-    def __init__(self, types, derived, _bands, _means, scales):
+    def __init__(self, types, derived, limited, _bands, _means, scales):
         self.types = types
         self.count = len(derived.left) // scales
         width, places, channels = _channel_places(types, self.count, scales)
         store = lambda flat: types.rearranged(flat, places, width)
         self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
-        self.limit = store(derived.limit) if _limits(types, derived.limit) else None
+        self.limit = store(derived.limit) if limited else None
         self.base = types.rearranged(_base(types, derived), channels, width)
 
     def shade(self, light, places, body, wavelengths, active, thickness):
@@ -146,7 +141,7 @@ class Scaled:
 class Bands:
     """Many bands, read at any wavelength: mixed between the two around it, constant beyond the ends."""
 
-    def __init__(self, types, derived, bands, means):
+    def __init__(self, types, derived, limited, bands, means):
         """means: of a table with scales of the thicknesses, [scale, node], what the emission is in units of at each."""
         self.types = types
         self.means = None if means is None else types.store(means, 1)
@@ -155,7 +150,7 @@ class Bands:
         places, bands = _band_places(types, self.last)
         store = lambda flat: types.rearranged(flat, places, 4)
         self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
-        self.limit = store(derived.limit) if _limits(types, derived.limit) else None
+        self.limit = store(derived.limit) if limited else None
         self.base = types.rearranged(_base(types, derived), bands, 2)
 
     def shade(self, light, places, body, wavelengths, active, thickness=None):
