@@ -5,6 +5,7 @@ mod built;
 use built::tool;
 use lut_io::exr_file;
 use lut_io::lobe::Interpolant;
+use lut_io::solver::SolverSettings;
 use lut_io::table::{Component, Table};
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::Path;
@@ -390,6 +391,23 @@ fn a_bake_that_was_killed_goes_on_to_the_same_bytes() {
 }
 
 #[cfg(unix)]
+#[test]
+fn lobes_that_ring_are_made_finer_and_get_no_cells_for_it() {
+    let recipe = r#"{"stack": {"layers": 30, "ambient": {"n": 1.4078}}, "facets": {"slope_sd_deg": 4}}"#;
+    let folder = folder();
+    write_recipe(folder.path(), recipe);
+    let how = ["recipe.json", "--solver", "doubling", "--azimuth", "space", "--accuracy", "5"];
+    let table = bake(folder.path(), &[&how[..], &LOBE_ALONE].concat());
+    let meta = table.meta();
+    let SolverSettings::Doubling(settings) = &meta.solver_settings else { panic!("{meta:?}") };
+    assert!(settings.raised > 0, "{settings:?}");
+    // 45 % of the accuracy are for reading between cells: fewer would do if much less were missed.
+    let cells_percent = meta.accuracy.cells_percent.unwrap();
+    assert!((0.6..=1.0).contains(&(cells_percent / (0.45 * 5.0))), "{cells_percent} %");
+    let same = tool(folder.path(), &["--reproduce", "pearl.exr"]);
+    assert!(same.status.success(), "{}", String::from_utf8_lossy(&same.stderr));
+}
+
 #[test]
 fn a_checkpoint_of_another_bake_is_refused() {
     let folder = folder();

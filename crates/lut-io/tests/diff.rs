@@ -102,6 +102,7 @@ fn doubled(truth: &Table, percent: f64) -> Table {
             nodes: 64,
             reach: 5.0,
             refinements: 0,
+            raised: 0,
         });
         let accuracy = &mut parts.meta.accuracy;
         (accuracy.solver_percent, accuracy.rows_percent, accuracy.cells_percent) = (percent, 0.0, Some(0.0));

@@ -3,7 +3,7 @@
 use super::cells::cell_shares;
 use super::halfway::{self, Reading, Row};
 use super::reading::Missed;
-use super::{BakeError, Bands, Observer, Request};
+use super::{BakeError, Bands, Grid, Observer, Request};
 use crate::bake::sampling::Sampling;
 use crate::effects::{Effect, EffectSet};
 use crate::options::{SolverChoice, Target};
@@ -224,9 +224,17 @@ pub(super) fn doubled(
         })
         .collect::<Result<_, BakeError>>()?;
     let doubling::Settings { nodes, modes, reach, density, .. } = solution.settings;
-    let refinements = request.grid.refinements;
+    let Grid { refinements, raised, .. } = request.grid;
     let settings = |interpolation| {
-        SolverSettings::Doubling(Doubling { density, interpolation, modes, nodes, reach, refinements })
+        SolverSettings::Doubling(Doubling {
+            density,
+            interpolation,
+            modes,
+            nodes,
+            reach,
+            refinements,
+            raised,
+        })
     };
     observer.go_on()?;
     let reading = |_: &[Row]| halfway::measured(&request.recipe, axis, solution, stored);

@@ -255,7 +255,8 @@ fn beside_seconds(geometry: Geometry, beside: &[f64]) -> f64 {
 
 /// The settings that doubling starts with.
 pub(super) fn settings(request: &Request, transport: &Transport, accuracy: f64) -> Settings {
-    Settings::for_accuracy(transport, request.geometry(), request.grid.solver_wanted(accuracy).aim)
+    let wanted = request.grid.solver_wanted(accuracy);
+    Settings::for_accuracy(transport, request.geometry(), wanted.aim).raised(wanted.raised)
 }
 
 /// Refuses what doubling would refuse before it begins.
@@ -283,12 +284,15 @@ pub(super) fn doubling_counts(
 ) -> [f64; OPERATIONS.len()] {
     let settings = settings(request, transport, accuracy);
     let incidences = solved_incidences(request).len();
-    let [fine, coarse] = [settings, settings.coarser()]
-        .map(|settings| settings.cost(transport, request.geometry(), incidences).counts);
+    let counts = |incidences| -> [f64; OPERATIONS.len()] {
+        let [fine, coarse] = [settings, settings.coarser()]
+            .map(|settings| settings.cost(transport, request.geometry(), incidences).counts);
+        std::array::from_fn(|i| fine[i] + coarse[i])
+    };
     let known = request.placed_by.as_ref();
     let known = known.filter(|known| known.is_of(transport, request.geometry(), &settings));
-    let solved = known.map(|_| settings.cost(transport, request.geometry(), 0).counts).unwrap_or_default();
-    std::array::from_fn(|i| fine[i] - solved[i] + coarse[i])
+    let (all, solved) = (counts(incidences), known.map(|_| counts(0)).unwrap_or_default());
+    std::array::from_fn(|i| all[i] - solved[i])
 }
 
 /// [`ROWS`] of a table of so many solved incidences.
@@ -367,7 +371,7 @@ mod tests {
             // What the clock says depends on the machine's load.
             request.placing_seconds = 0.0;
             // A faint interior is solved more finely, whatever has how many layers; and what placed the rows is solved once.
-            (request.grid.refinements, request.placed_by) = (0, None);
+            (request.grid.refinements, request.grid.raised, request.placed_by) = (0, 0, None);
             seconds(&request, SolverChoice::Doubling)
         };
         let base = of(40, 1.0, 10);

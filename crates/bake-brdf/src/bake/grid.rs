@@ -6,7 +6,7 @@ use lut_io::axis::ExitAxis;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use transport::doubling::{DoublingError, Operator, Settings, Solution, Wanted};
+use transport::doubling::{Checked, DoublingError, Operator, Settings, Solution, Wanted};
 use transport::{Geometry, Light, Transport};
 
 /// Shares of the accuracy asked for that reading between rows, and between cells, may take: more for cells where there are two
@@ -33,8 +33,10 @@ const FAR: f64 = 1.2;
 const ATTEMPTS: u32 = 3;
 /// The solver is made finer at most so often.
 pub(super) const MOST_REFINEMENTS: u32 = 6;
-/// Bytes that a solved stack may take to be kept from placing rows to solving them.
-const KEPT: f64 = 256.0 * (1u64 << 20) as f64;
+/// Lobes that decide a grid are made finer at most so often where they are not accurate enough.
+pub(super) const MOST_RAISED: u32 = 4;
+/// Bytes that a solved stack, fine and coarse, may take to be kept from placing rows to solving them.
+const KEPT: f64 = (1u64 << 30) as f64;
 /// Seconds of one core that one solution of the lobes may take; incidences of one.
 const AFFORDABLE: f64 = 10.0;
 const SOLVED: usize = 100;
@@ -49,6 +51,9 @@ pub struct Grid {
     /// How often the lobes that placed them had to be made finer: the solver is as much finer than usual.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub refinements: u32,
+    /// How often the resolution for that was found too coarse on the way.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub raised: u32,
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref)] // as serde calls it
@@ -64,6 +69,11 @@ fn lobe_share(axis: &ExitAxis, accuracy: f64, refinements: u32) -> f64 {
     share.max(LOBE_SHARES[0].min(0.5 * accuracy)).min(LOBE_SHARES[1])
 }
 
+/// What the estimate of lobes that aim at a total variation may come to.
+const fn solver_most(aim: f64, accuracy: f64) -> f64 {
+    aim.max(SOLVER_MOST * accuracy)
+}
+
 impl Grid {
     /// From JSON text.
     pub(super) fn from_json(text: &str) -> Result<Self, String> {
@@ -76,7 +86,7 @@ impl Grid {
     /// Total variation that doubling is asked for where a table is wanted to an accuracy (shares of all light).
     pub(super) fn solver_wanted(&self, accuracy: f64) -> Wanted {
         let aim = lobe_share(&self.axis, accuracy, self.refinements);
-        Wanted { aim, most: aim.max(SOLVER_MOST * accuracy) }
+        Wanted { aim, most: solver_most(aim, accuracy), raised: self.raised }
     }
 
     /// The grid that a request asks for: its own incidences or as few as its accuracy takes, and as few cells as that takes. A
@@ -88,7 +98,7 @@ impl Grid {
     pub(super) fn of(
         stop: &AtomicBool,
         request: &Request,
-    ) -> Result<(Self, Option<Arc<Operator>>), BakeError> {
+    ) -> Result<(Self, Option<Arc<Checked>>), BakeError> {
         let options = &request.options;
         options.check()?;
         let transport = request.transport()?;
@@ -99,6 +109,7 @@ impl Grid {
                 incident_deg: options.incident_deg.clone().unwrap_or_else(every_degree),
                 axis,
                 refinements: 0,
+                raised: 0,
             }
         };
         let first = exit_axis(geometry, slope_sd);
@@ -119,6 +130,7 @@ impl Grid {
             let solved = solved.collect::<Result<Vec<_>, BakeError>>()?;
             let Some(solved) = solved.into_iter().collect::<Option<Vec<_>>>() else { break };
             let refinements = solved.iter().map(|lobes| lobes.refinements).max().unwrap_or(attempt);
+            let raised = solved.iter().map(|lobes| lobes.raised).max().unwrap_or(0);
             let needed =
                 solved.iter().map(|lobes| placing::cells(stop, &first, azimuth, shares[1], &lobes.probed));
             let (axis, between_cells) = match options.cells {
@@ -128,17 +140,20 @@ impl Grid {
                     needed.into_iter().max_by_key(|(axis, _)| axis.cells()).unwrap_or((first, 0.0))
                 }
             };
-            let operators = solved.iter().map(|lobes| &lobes.operator);
+            let operators = solved.iter().map(|lobes| lobes.checked.operator());
             let (grid, between_rows) = match options.incident_deg {
                 Some(_) => (listed(axis), 0.0),
                 None => {
                     let (incident_deg, missed) = placing::rows(stop, &axis, azimuth, shares[0], operators)?;
-                    (Self { incident_deg, axis, refinements: 0 }, missed)
+                    (Self { incident_deg, ..listed(axis) }, missed)
                 }
             };
             let kept = between_cells <= FAR * shares[1] && between_rows <= FAR * shares[0];
-            let own = solved.into_iter().next().map(|lobes| lobes.operator);
-            best = Some((Self { refinements, ..grid }, own.filter(|own| own.bytes() <= KEPT).map(Arc::new)));
+            let own = solved.into_iter().next().map(|lobes| lobes.checked);
+            best = Some((
+                Self { refinements, raised, ..grid },
+                own.filter(|own| own.bytes() <= KEPT).map(Arc::new),
+            ));
             if kept || lobe_share(&first, accuracy, refinements) <= FINEST_ATTEMPT {
                 break;
             }
@@ -149,11 +164,13 @@ impl Grid {
 
 /// What decides the grid of one problem.
 struct Lobes {
-    operator: Operator,
+    checked: Checked,
     /// Solved at the probes of the cells.
     probed: Solution,
     /// How often they were made finer, for the attempt and for the sake of their faintest component.
     refinements: u32,
+    /// How often their resolution was made finer, for what they were not accurate enough.
+    raised: u32,
 }
 
 /// Lobes to decide a grid of such an axis by, refined so often; none where they cost too much.
@@ -166,24 +183,39 @@ fn lobes(
     refinements: u32,
 ) -> Result<Option<Lobes>, BakeError> {
     let probes = placing::probes(axis);
-    let solved = |refinements: u32| -> Result<Option<Lobes>, BakeError> {
-        let settings = Settings::for_accuracy(transport, geometry, lobe_share(axis, accuracy, refinements));
+    let aim = |refinements| lobe_share(axis, accuracy, refinements);
+    let operator = |refinements, raised| -> Result<Option<Operator>, BakeError> {
+        let settings = Settings::for_accuracy(transport, geometry, aim(refinements)).raised(raised);
         if settings.cost(transport, geometry, SOLVED).seconds > AFFORDABLE {
             return Ok(None);
         }
-        let operator = match Operator::new_unless(stop, transport, geometry, &settings) {
-            Err(DoublingError::Domain { .. } | DoublingError::TooCostly { .. }) => return Ok(None),
-            operator => operator?,
-        };
-        let probed = operator.solve_unless(stop, &probes)?;
-        Ok(Some(Lobes { operator, probed, refinements }))
+        match Operator::new_unless(stop, transport, geometry, &settings) {
+            Err(DoublingError::Domain { .. } | DoublingError::TooCostly { .. }) => Ok(None),
+            operator => Ok(Some(operator?)),
+        }
     };
-    let Some(coarse) = solved(refinements)? else { return Ok(None) };
+    let Some(mut first) = operator(refinements, 0)? else { return Ok(None) };
+    let mut refinements = refinements;
     // A faint component is judged by the root of its share: its lobes have to be finer by as much.
-    let faintest = placing::faintest(&coarse.probed);
-    let finer = refinements + (faintest.ln() / FINER.ln()).ceil() as u32;
-    let fine = if faintest < FAINT { solved(finer.min(MOST_REFINEMENTS))? } else { None };
-    Ok(Some(fine.unwrap_or(coarse)))
+    let faintest = placing::faintest(&first.solve_unless(stop, &probes)?);
+    if faintest < FAINT {
+        let finer = (refinements + (faintest.ln() / FINER.ln()).ceil() as u32).min(MOST_REFINEMENTS);
+        if let Some(fine) = operator(finer, 0)? {
+            (first, refinements) = (fine, finer);
+        }
+    }
+    // Lobes that ring would be given cells for their ringing.
+    let most = solver_most(aim(refinements), accuracy);
+    let mut checked = Checked::new_unless(stop, first)?;
+    let mut raised = 0;
+    loop {
+        let probed = checked.solve_unless(stop, &probes)?;
+        let known = probed.error.as_ref().is_some_and(|error| error.worst() <= most);
+        let finer = if known || raised == MOST_RAISED { None } else { operator(refinements, raised + 1)? };
+        let Some(finer) = finer else { return Ok(Some(Lobes { checked, probed, refinements, raised })) };
+        checked = checked.raised(finer);
+        raised += 1;
+    }
 }
 
 const fn with_cells(axis: ExitAxis, [columns, rows]: [usize; 2]) -> ExitAxis {

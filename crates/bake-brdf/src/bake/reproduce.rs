@@ -4,7 +4,7 @@
 //! each, so that nothing else is needed. A bake to an accuracy goes through its decisions again; one to a time walks
 //! the paths that the table says it holds.
 
-use super::grid::MOST_REFINEMENTS;
+use super::grid::{MOST_RAISED, MOST_REFINEMENTS};
 use super::sampling::{Sampling, Shard};
 use super::{BakeError, Grid, NEVER, Observer, Request, assemble};
 use crate::effects::{Effect, EffectSet, Effects};
@@ -70,11 +70,16 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
     };
     options.check()?;
     let incident_deg = meta.per_incidence.iter().map(|at| at.theta_i_deg).collect();
-    let refinements = match &meta.solver_settings {
-        SolverSettings::Doubling(doubling) => doubling.refinements.min(MOST_REFINEMENTS),
-        _ => 0,
+    let [refinements, raised] = match &meta.solver_settings {
+        SolverSettings::Doubling(doubling) => [doubling.refinements, doubling.raised],
+        _ => [0, 0],
     };
-    let grid = Grid { incident_deg, axis: meta.exit_axis, refinements };
+    let grid = Grid {
+        incident_deg,
+        axis: meta.exit_axis,
+        refinements: refinements.min(MOST_REFINEMENTS),
+        raised: raised.min(MOST_RAISED),
+    };
     Ok(Request { recipe, effects, options, grid, placed_by: None, placing_seconds: 0.0 })
 }
 

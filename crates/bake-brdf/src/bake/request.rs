@@ -9,7 +9,7 @@ use lut_io::axis::ExitAxis;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
-use transport::doubling::Operator;
+use transport::doubling::Checked;
 use transport::{Geometry, Light, Transport};
 
 /// Bounds of the colour difference ΔE00 that colours are baked to.
@@ -27,7 +27,7 @@ pub struct Request {
     /// Rows and cells.
     pub grid: Grid,
     /// The stack at the recipe's wavelength as it was solved to place them: kept, so that it need not be solved again.
-    pub(crate) placed_by: Option<Arc<Operator>>,
+    pub(crate) placed_by: Option<Arc<Checked>>,
     /// Seconds by the clock that placing rows and cells took; 0 where they are read from a file.
     pub placing_seconds: f64,
 }
@@ -67,7 +67,12 @@ impl Request {
             recipe,
             effects,
             options,
-            grid: Grid { incident_deg: Vec::new(), axis: exit_axis(geometry, width), refinements: 0 },
+            grid: Grid {
+                incident_deg: Vec::new(),
+                axis: exit_axis(geometry, width),
+                refinements: 0,
+                raised: 0,
+            },
             placed_by: None,
             placing_seconds: 0.0,
         };
@@ -180,8 +185,11 @@ impl Request {
             let walk = (options.seed, options.event_cap, precision);
             let walk = (solver != SolverChoice::Doubling).then_some(walk);
             // A walk is no finer for it.
-            let refinements = if solver == SolverChoice::Doubling { self.grid.refinements } else { 0 };
-            (solver, Grid { refinements, ..self.grid.clone() }, options.target, walk)
+            let [refinements, raised] = match solver {
+                SolverChoice::Doubling => [self.grid.refinements, self.grid.raised],
+                _ => [0, 0],
+            };
+            (solver, Grid { refinements, raised, ..self.grid.clone() }, options.target, walk)
         });
         // Who is preferred says nothing of what is solved.
         let recipe = Recipe { solver, ..self.recipe.clone() };

@@ -76,6 +76,9 @@ pub struct Doubling {
     /// How often it was made finer than the accuracy asked for takes, so that rows and cells keep it too.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub refinements: u32,
+    /// How often it was made finer before it was solved, because lobes that were to place rows and cells were not accurate enough.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub raised: u32,
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref)] // as serde calls it

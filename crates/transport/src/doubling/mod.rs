@@ -146,18 +146,9 @@ impl Operator {
         Ok(Self { plan, modes })
     }
 
-    /// About what it takes of memory, bytes.
-    #[must_use]
-    pub fn bytes(&self) -> f64 {
+    fn bytes(&self) -> f64 {
         let Plan { transport, settings, grid, .. } = &self.plan;
         settings.cost(transport, grid.geometry, 0).bytes
-    }
-
-    /// Whether it is that of such a problem at such a resolution.
-    #[must_use]
-    pub fn is_of(&self, transport: &Transport, geometry: Geometry, settings: &Settings) -> bool {
-        let Plan { transport: of, settings: at, grid, .. } = &self.plan;
-        (of, grid.geometry, at) == (transport, geometry, settings)
     }
 
     /// The lobes of some incidences, radians: to the bit what [`solve`] finds. Stops soon after `stop` is set, from anywhere.
@@ -172,6 +163,61 @@ impl Operator {
         let solved = modes.map(|(k, mode)| go_on(stop).map(|()| mode.solve(&incident, k)));
         let results = solved.collect::<Result<_, DoublingError>>()?;
         Ok(Solution::assemble(transport, theta_i, *settings, grid.clone(), &incident, results))
+    }
+}
+
+/// A stack at a resolution and at the coarser one that tells its error.
+#[derive(Debug)]
+pub struct Checked {
+    fine: Operator,
+    coarse: Operator,
+}
+
+impl Checked {
+    /// An operator, and with it a coarser one.
+    ///
+    /// # Errors
+    /// As [`Operator::new_unless`].
+    pub fn new_unless(stop: &AtomicBool, fine: Operator) -> Result<Self, DoublingError> {
+        let Plan { transport, settings, grid, .. } = &fine.plan;
+        let coarse = Operator::new_unless(stop, transport, grid.geometry, &settings.coarser())?;
+        Ok(Self { fine, coarse })
+    }
+
+    /// The same stack at a finer resolution: what was fine is coarse now.
+    #[must_use]
+    pub fn raised(self, finer: Operator) -> Self {
+        Self { fine: finer, coarse: self.fine }
+    }
+
+    /// The finer of the two.
+    #[must_use]
+    pub const fn operator(&self) -> &Operator {
+        &self.fine
+    }
+
+    /// About what it takes of memory, bytes.
+    #[must_use]
+    pub fn bytes(&self) -> f64 {
+        self.fine.bytes() + self.coarse.bytes()
+    }
+
+    /// Whether it is that of such a problem at such a resolution.
+    #[must_use]
+    pub fn is_of(&self, transport: &Transport, geometry: Geometry, settings: &Settings) -> bool {
+        let Plan { transport: of, settings: at, grid, .. } = &self.fine.plan;
+        (of, grid.geometry, at) == (transport, geometry, settings)
+    }
+
+    /// [`Operator::solve_unless`], with its error.
+    ///
+    /// # Errors
+    /// As [`Operator::solve_unless`].
+    pub fn solve_unless(&self, stop: &AtomicBool, theta_i: &[f64]) -> Result<Solution, DoublingError> {
+        let coarse = self.coarse.solve_unless(stop, theta_i)?;
+        let mut solution = self.fine.solve_unless(stop, theta_i)?;
+        solution.compare(&coarse);
+        Ok(solution)
     }
 }
 
@@ -427,18 +473,20 @@ pub struct Wanted {
     pub aim: f64,
     /// What the estimate may come to.
     pub most: f64,
+    /// How often the resolution for `aim` is known to be too coarse.
+    pub raised: u32,
 }
 
 impl Wanted {
     /// The same for both.
     #[must_use]
     pub const fn of(total_variation: f64) -> Self {
-        Self { aim: total_variation, most: total_variation }
+        Self { aim: total_variation, most: total_variation, raised: 0 }
     }
 }
 
 /// [`solve_to`], which stops soon after `stop` is set, from anywhere. Where the stack is `known` at the resolution that is called for,
-/// it is not solved again: the solution is the same to the bit.
+/// and at the coarser one, it is not solved again: the solution is the same to the bit.
 ///
 /// # Errors
 /// As [`solve_to`]; [`DoublingError::Stopped`].
@@ -449,26 +497,32 @@ pub fn solve_to_unless(
     theta_i: &[f64],
     wanted: Wanted,
     both_sides: bool,
-    known: Option<&Operator>,
+    known: Option<&Checked>,
 ) -> Result<Solution, DoublingError> {
-    let Wanted { aim, most: total_variation } = wanted;
+    let Wanted { aim, most: total_variation, raised } = wanted;
     for value in [aim, total_variation] {
         if !(1e-9..=0.5).contains(&value) {
             let expected = "from 1e-9 to 0.5";
             return Err(DoublingError::Domain { field: "total_variation", value, expected });
         }
     }
-    let mut settings = Settings::for_accuracy(transport, geometry, aim);
+    let first = Settings::for_accuracy(transport, geometry, aim);
+    let mut settings = first.raised(raised);
+    let coarser = raised.checked_sub(1).map_or_else(|| first.coarser(), |less| first.raised(less));
     // Attempts that each could be paid for can be too dear together.
     let mut spent = settings.check_first_attempt(transport, geometry, theta_i)?;
-    let mut coarse = solve_unless(stop, transport, geometry, theta_i, &settings.coarser())?;
+    let solve = |settings: &Settings| solve_unless(stop, transport, geometry, theta_i, settings);
+    let compared = |coarse: &Solution, settings: &Settings| -> Result<Solution, DoublingError> {
+        let mut solution = solve(settings)?;
+        solution.compare(coarse);
+        Ok(solution)
+    };
+    let mut solution = match known.filter(|known| known.is_of(transport, geometry, &settings)) {
+        Some(known) => known.solve_unless(stop, theta_i)?,
+        None => compared(&solve(&coarser)?, &settings)?,
+    };
     let mut reached = f64::INFINITY;
     for attempt in 1..=ATTEMPTS {
-        let mut solution = match known.filter(|known| known.is_of(transport, geometry, &settings)) {
-            Some(known) => known.solve_unless(stop, theta_i)?,
-            None => solve_unless(stop, transport, geometry, theta_i, &settings)?,
-        };
-        solution.compare(&coarse);
         reached = solution.error.as_ref().map_or(reached, ErrorEstimate::worst);
         if reached <= total_variation && both_sides {
             return solve_both(stop, transport, geometry, theta_i, &settings, total_variation);
@@ -476,13 +530,13 @@ pub fn solve_to_unless(
         if reached <= total_variation {
             return Ok(solution);
         }
-        settings = settings.finer();
-        coarse = solution;
         if attempt < ATTEMPTS {
+            settings = settings.finer();
             spent = settings.check_price(transport, geometry, theta_i.len(), spent)?;
+            solution = compared(&solution, &settings)?;
         }
     }
-    Err(DoublingError::NotReached { asked: total_variation, reached, nodes: coarse.settings.nodes })
+    Err(DoublingError::NotReached { asked: total_variation, reached, nodes: settings.nodes })
 }
 
 /// Both sides: from above refined from `settings` until what is transmitted keeps `total_variation` as well, or until more cannot be
