@@ -9,7 +9,7 @@ mod header;
 
 use super::compact::{self, COMPACT_SCHEMA, Compact, Form};
 use super::packing::{self, Packed};
-use super::{ATTRIBUTE, atomic};
+use super::{ATTRIBUTE, atomic, zip};
 use crate::error::{FieldError, LutError, READING};
 use crate::model::both_sides::Passage;
 use crate::model::dispersion;
@@ -107,8 +107,16 @@ fn image(
     let written = exr::block::write(&mut bytes, headers, true, |meta_data, writer| {
         let indices: Vec<_> = enumerate_ordered_header_block_indices(&meta_data.headers).collect();
         let compressed = indices.into_par_iter().map(|(at, index)| {
-            let data = pixels.extract_uncompressed_block(&meta_data.headers, index);
-            Ok((at, UncompressedBlock { index, data }.compress_to_chunk(&meta_data.headers)?))
+            let mut data = pixels.extract_uncompressed_block(&meta_data.headers, index);
+            if cfg!(target_endian = "big") {
+                let channels = &meta_data.headers[0].channels;
+                let bytes = channels.bytes_per_pixel / channels.list.len();
+                data.chunks_exact_mut(bytes).for_each(<[u8]>::reverse);
+            }
+            let y_coordinate = i32::try_from(index.pixel_position.y())?;
+            let block = CompressedScanLineBlock { y_coordinate, compressed_pixels_le: zip::compressed(data) };
+            let compressed_block = CompressedBlock::ScanLine(block);
+            Ok((at, Chunk { layer_index: index.layer, compressed_block }))
         });
         let compressed: Vec<(usize, Chunk)> = compressed.collect::<Result<_, exr::error::Error>>()?;
         compressed.into_iter().try_for_each(|(at, chunk)| writer.write_chunk(at, chunk))
