@@ -22,7 +22,7 @@ use crate::wave::{
     InPlaneWave, Incidence, Polarisation, PowerBalance, WaveError, half_turns_per_metre, sqrt_upper,
 };
 use kernel::{
-    ComplexMedium, ComplexTile, DenseLayer, Interface, Kinds, LosslessMedium, LosslessTile, Passage,
+    ComplexMedium, ComplexTile, DenseLayer, Interface, Kinds, LosslessMedium, LosslessTile, Passage, Store,
     TileResult, Turn,
 };
 use lanes::{LANES, Lanes};
@@ -202,8 +202,10 @@ const fn substrate_number(materials: usize) -> usize {
 /// Longer or more periodic stacks go to the robust form, whose cost grows with the logarithm of the repeats.
 const MOST_FAST_LAYERS: u128 = 16_384;
 
-/// cos² of the angle of incidence up to which rotations and amplitudes leave waves to the robust form (89.994° and 89.4°).
-const STEEPEST_EXCLUDED: [f64; 2] = [1e-8, 1e-4];
+/// cos² of the angle of incidence up to which rotations leave waves to the robust form (89.994°); and for amplitudes, which round the more the
+/// nearer they come to grazing incidence, its product with the tolerance (89.4°, and 89.98° for means).
+const STEEPEST_ROTATED: f64 = 1e-8;
+const STEEPEST_AMPLITUDES: f64 = 1e-17;
 
 impl<'a> Solver<'a> {
     fn new(
@@ -444,6 +446,7 @@ impl<'a> Cut<'a> {
 struct Scratch {
     lossless_media: Vec<LosslessMedium>,
     turns: Vec<Turn>,
+    stores: Vec<Store>,
     complex_media: Vec<ComplexMedium>,
     interfaces: Vec<Interface>,
     passages: Vec<Passage>,
@@ -564,7 +567,8 @@ impl<'a> TileLanes<'a> {
                 });
                 let wave = &distinct[distinct.len() - 1];
                 let fast = solver.is_fast() && indices.ambient.im == 0.0;
-                suitable[lane] = STEEPEST_EXCLUDED.map(|cos2| fast && wave.is_steeper(cos2));
+                suitable[lane] = [STEEPEST_ROTATED, STEEPEST_AMPLITUDES / solver.tolerance]
+                    .map(|cos2| fast && wave.is_steeper(cos2));
             } else {
                 suitable[lane] = suitable[lane - 1];
             }
@@ -635,7 +639,13 @@ impl<'a> TileLanes<'a> {
                 None => kernel::lossless(self.solver.level, &tile),
             };
         }
-        let mut result = kernel::lossless_emitting(self.solver.level, &tile);
+        let mut result = match &self.solver.kinds {
+            Some(kinds) => {
+                let Scratch { turns, stores, .. } = scratch;
+                kernel::lossless_emitting_by_kind(self.solver.level, &tile, kinds, turns, stores)
+            }
+            None => kernel::lossless_emitting(self.solver.level, &tile),
+        };
         // |E| = 1 means |H| = |N₀| for p.
         result.emission[1] = result.emission[1] * self.gather(|wave| wave.eps[ambient].norm());
         result
@@ -799,6 +809,16 @@ mod tests {
             let one_by_one =
                 Solver { kinds: None, ..Solver::new(&stack, &wavelengths, None, TOLERANCE).unwrap() };
             let (a, b) = (by_kind.spectra(&[0.4]).unwrap(), one_by_one.spectra(&[0.4]).unwrap());
+            let sources: Vec<f64> = (0..101).map(|i| (0.618 * f64::from(i)).fract()).collect();
+            let emission = |by_kind: bool| {
+                let solver = Solver::new(&stack, &wavelengths, Some(&sources), TOLERANCE).unwrap();
+                let kinds = solver.kinds.clone().filter(|_| by_kind);
+                let spectra = Solver { kinds, ..solver }.spectra(&[0.4]).unwrap();
+                spectra.unpolarised_emission(0).unwrap()
+            };
+            for (a, b) in emission(true).into_iter().zip(emission(false)) {
+                assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
+            }
             for pol in Polarisation::BOTH {
                 for (a, b) in a.reflectance(0, pol).iter().zip(b.reflectance(0, pol)) {
                     assert!((a - b).abs() < 1e-13, "{a} {b}");
@@ -932,6 +952,31 @@ mod tests {
         }
     }
 
+    /// So does what an absorbing stack reflects and gives off.
+    #[test]
+    fn means_of_absorbing_stacks_stay_fast_and_right_up_to_grazing_incidence() {
+        let wavelengths: Vec<f64> = (0..21).map(|i| 380e-9 + 20e-9 * f64::from(i)).collect();
+        for (k, sd, layers) in [(1e-4, 0.03, 2000), (5e-3, 0.03, 1000), (1e-3, 0.0, 500)] {
+            let (stack, theta) = (pearl(k, sd, layers), 89.9_f64.to_radians());
+            let sources = vec![1.0; layers as usize];
+            let spectra = spectra_for_means(&stack, &wavelengths, &[theta], Some(&sources)).unwrap();
+            assert_eq!(spectra.robust_lanes(), 0, "k {k}, sd {sd}");
+            let emission = spectra.unpolarised_emission(0).unwrap();
+            for (at, &wavelength) in wavelengths.iter().enumerate() {
+                let film = stack.at(wavelength).unwrap();
+                let solved = Polarisation::BOTH.map(|pol| {
+                    let incidence = Incidence::Angle(theta);
+                    let response = film.solve(wavelength, incidence, pol).unwrap();
+                    let off = (spectra.reflectance(0, pol)[at] - response.reflectance).abs();
+                    assert!(off < 1e-9, "k {k}, sd {sd}, {wavelength} m: R off by {off:e}");
+                    film.field(wavelength, incidence, pol).unwrap().integrals().iter().sum::<f64>()
+                });
+                let off = emission[at] / (0.5 * (solved[0] + solved[1])) - 1.0;
+                assert!(off.abs() < 1e-9, "k {k}, sd {sd}, {wavelength} m: emission off by {off:e}");
+            }
+        }
+    }
+
     /// `cargo test --release -p thinfilm fast_lanes_are_right_in_many -- --ignored`, some minutes.
     #[test]
     #[ignore = "long"]
@@ -947,17 +992,20 @@ mod tests {
         let wavelengths: Vec<f64> = (0..81).map(|i| 380e-9 + 5e-9 * f64::from(i)).collect();
         let angles: Vec<f64> = (0..90).map(|deg| f64::from(deg).to_radians()).collect();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        for (k, sd) in LOOPS {
+        let sources = vec![1.0; 500];
+        for ((k, sd), sources) in LOOPS.into_iter().flat_map(|of| [(of, None), (of, Some(&sources[..]))]) {
             let stack = pearl(k, sd, 500);
             for level in Level::all() {
-                let solver = Solver { level, ..Solver::new(&stack, &wavelengths, None, TOLERANCE).unwrap() };
+                let solver =
+                    Solver { level, ..Solver::new(&stack, &wavelengths, sources, TOLERANCE).unwrap() };
                 let seconds = (0..5).map(|_| {
                     let start = std::time::Instant::now();
                     pool.install(|| solver.spectra(&angles)).unwrap();
                     start.elapsed().as_secs_f64()
                 });
                 let rate = 500.0 * 81.0 * 90.0 * 2.0 / seconds.fold(f64::INFINITY, f64::min);
-                println!("k {k}, irregular by {sd}: {level:?} {rate:.2e} layer evaluations/s");
+                let emits = if sources.is_some() { ", with its emission" } else { "" };
+                println!("k {k}, irregular by {sd}{emits}: {level:?} {rate:.2e} layer evaluations/s");
             }
         }
     }

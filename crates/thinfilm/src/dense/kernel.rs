@@ -242,6 +242,15 @@ impl<const W: usize> Rotor<W> {
         Self { emission: self.emission + integral.scale(layer.source), ..self }
     }
 
+    /// The same of a layer of a kind, given what its standing wave gains.
+    #[inline(always)]
+    fn give_off(self, source: f64, store: &Store, first: usize, pol: usize, gained: Lanes<W>) -> Self {
+        let (b2, c2) = (square(self.b), square(self.c));
+        let of_b = store.b[pol].part::<W>(first) * b2;
+        let stored = store.face[pol].part(first).fma(gained, store.c[pol].part(first).fma(c2, of_b));
+        Self { emission: stored.fma(Lanes::splat(source), self.emission), ..self }
+    }
+
     #[inline(always)]
     fn energy(&self) -> Lanes<W> {
         square(self.b) + square(self.c)
@@ -276,6 +285,11 @@ at_each_level! {
     /// Through a lossless stack with sources.
     pub(super) fn lossless_emitting(tile: &LosslessTile) -> TileResult = through_emitting_clear_stack[8, 4, 2]
 }
+at_each_level! {
+    /// The same by kind.
+    pub(super) fn lossless_emitting_by_kind(tile: &LosslessTile, kinds: &Kinds, turns: &mut Vec<Turn>, stores: &mut Vec<Store>) -> TileResult
+        = through_emitting_clear_kinds[16, 4, 2]
+}
 
 #[inline(always)]
 fn through_clear_stack<const W: usize>(tile: &LosslessTile) -> TileResult {
@@ -305,17 +319,42 @@ fn through_clear_kinds<const W: usize>(
     turns: &mut Vec<Turn>,
 ) -> TileResult {
     let mut result = TileResult::UNKNOWN;
-    turns.resize(kinds.layers.len(), Turn::NONE);
     for first in (0..LANES).step_by(W) {
         let mut wave = LosslessWave::<W>::on_substrate(tile, first);
-        for (layer, turn) in kinds.layers.iter().zip(turns.iter_mut()) {
-            let sines = Sines::<W>::new(tile, layer, first);
-            turn.set_part(first, sines.turn(tile, layer.medium, first));
-        }
+        turns_of_kinds::<W>(tile, kinds, first, turns);
         wave.turn_by_kind(turns, kinds, first);
         finish_lossless(tile, first, &wave, &mut result);
     }
     result
+}
+
+#[inline(always)]
+fn through_emitting_clear_kinds<const W: usize>(
+    tile: &LosslessTile,
+    kinds: &Kinds,
+    turns: &mut Vec<Turn>,
+    stores: &mut Vec<Store>,
+) -> TileResult {
+    let mut result = TileResult::UNKNOWN;
+    stores.clear();
+    stores.extend(kinds.layers.iter().map(|layer| Store::new(layer, &tile.media[layer.medium])));
+    for first in (0..LANES).step_by(W) {
+        let mut wave = LosslessWave::<W>::on_substrate(tile, first);
+        turns_of_kinds::<W>(tile, kinds, first, turns);
+        wave.turn_emitting_by_kind(tile, turns, stores, kinds, first);
+        finish_lossless(tile, first, &wave, &mut result);
+    }
+    result
+}
+
+/// The shears of each kind, as far as they are those of some lanes.
+#[inline(always)]
+fn turns_of_kinds<const W: usize>(tile: &LosslessTile, kinds: &Kinds, first: usize, turns: &mut Vec<Turn>) {
+    turns.resize(kinds.layers.len(), Turn::NONE);
+    for (layer, turn) in kinds.layers.iter().zip(turns.iter_mut()) {
+        let sines = Sines::<W>::new(tile, layer, first);
+        turn.set_part(first, sines.turn(tile, layer.medium, first));
+    }
 }
 
 /// The shears of layer after layer from the substrate up, computed two layers ahead of their use: what is needed now never waits for what
@@ -398,6 +437,38 @@ impl<const W: usize> LosslessWave<W> {
         }
     }
 
+    /// Through all layers, by kind, with what they give off.
+    #[inline(always)]
+    fn turn_emitting_by_kind(
+        &mut self,
+        tile: &LosslessTile,
+        turns: &[Turn],
+        stores: &[Store],
+        kinds: &Kinds,
+        first: usize,
+    ) {
+        let look_every = look_every(tile.layers.len());
+        for (layers, block) in tile.layers.chunks(look_every).zip(kinds.of_layer.chunks(look_every)) {
+            let [mut s, mut p] = self.rotors;
+            let mut below = [s.standing(), p.standing()];
+            for (layer, &kind) in layers.iter().zip(block) {
+                let (turn, store) = (&turns[kind as usize], &stores[kind as usize]);
+                let [b, c]: [[Lanes<W>; 2]; 2] =
+                    [turn.b, turn.c].map(|[s, p]| [s.part(first), p.part(first)]);
+                s = s.shear_b(b[0]).shear_c(c[0]).shear_b(b[0]);
+                p = p.shear_b(b[1]).shear_c(c[1]).shear_b(b[1]);
+                let above = [s.standing(), p.standing()];
+                if layer.source != 0.0 {
+                    s = s.give_off(layer.source, store, first, 0, above[0] - below[0]);
+                    p = p.give_off(layer.source, store, first, 1, above[1] - below[1]);
+                }
+                below = above;
+            }
+            self.rotors = [s, p];
+            self.look();
+        }
+    }
+
     /// Through all layers, one by one. Where nothing is emitted, the shears between layers are joined.
     #[inline(always)]
     fn turn<const EMITS: bool>(&mut self, tile: &LosslessTile, first: usize) {
@@ -431,6 +502,22 @@ impl<const W: usize> LosslessWave<W> {
             self.rotors = [s.shear_b(below[0]), p.shear_b(below[1])];
             self.look();
         }
+    }
+}
+
+/// What a layer of a kind stores: weights in ∫|E|² of b² and c² at its upper face, and of what its standing wave gains; [s, p].
+pub(super) struct Store {
+    b: [Lanes; 2],
+    c: [Lanes; 2],
+    face: [Lanes; 2],
+}
+
+impl Store {
+    #[inline(always)]
+    fn new(layer: &DenseLayer, medium: &LosslessMedium) -> Self {
+        let [s, p] = [medium.mean[0].scale(layer.thickness), medium.mean[1].scale(layer.thickness)];
+        let [up_s, up_p] = medium.up;
+        Self { b: [s, p], c: [s * up_s * up_s, p * up_p * up_p], face: medium.face }
     }
 }
 
