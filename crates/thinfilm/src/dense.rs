@@ -3,7 +3,7 @@
 //! Sixteen wavelengths make a tile, as many of them as the registers hold go through the layers together, tiles over all threads. A stack that
 //! neither absorbs nor traps light (all kz real) is a product of real rotations: no division, no complex arithmetic.
 //! All others go as complex amplitudes with decaying exponentials only. Each lane carries an estimate of its own
-//! rounding error; where it exceeds 1e-13 (a resonance of high quality, a layer near its critical angle, in
+//! rounding error; where it exceeds 7e-14 (a resonance of high quality, a layer near its critical angle, in
 //! amplitudes grazing incidence) that lane alone is done again by [`Multilayer::solve`](crate::wave::Multilayer::solve), the robust form. So
 //! results agree with the robust form to 1e-12 everywhere.
 
@@ -28,8 +28,9 @@ use kernel::{
 use lanes::{LANES, Lanes};
 use levels::Level;
 
-/// Largest estimated error that a fast lane may have, a tenth of the agreement promised: above, the robust form answers.
-const TOLERANCE: f64 = 1e-13;
+/// Largest estimated error that a fast lane may have, a fourteenth of the agreement promised: above, the robust form answers. (In 20,000
+/// stacks the largest deviation is 13 times its estimate.)
+const TOLERANCE: f64 = 7e-14;
 /// The same for means and colours, which need no more: promised to 1e-9. Deep stacks (thousands of layers) keep their speed.
 const MEAN_TOLERANCE: f64 = 1e-10;
 
@@ -203,7 +204,7 @@ const fn substrate_number(materials: usize) -> usize {
 const MOST_FAST_LAYERS: u128 = 16_384;
 
 /// cos² of the angle of incidence up to which rotations leave waves to the robust form (89.994°); and for amplitudes, which round the more the
-/// nearer they come to grazing incidence, its product with the tolerance (89.4°, and 89.98° for means).
+/// nearer they come to grazing incidence, its product with the tolerance (89.3°, and 89.98° for means).
 const STEEPEST_ROTATED: f64 = 1e-8;
 const STEEPEST_AMPLITUDES: f64 = 1e-17;
 
@@ -903,7 +904,7 @@ mod tests {
 
     /// Regular stacks of a thousand layers and more near grazing incidence. There the robust form, doubled in plain f64, and the
     /// fast path were 1.0e-12 to 2.3e-12 apart.
-    const LONG_REGULAR: [u64; 7] = [829, 1320, 4364, 8887, 9275, 16507, 18532];
+    const LONG_REGULAR: [u64; 8] = [829, 1320, 4364, 8887, 8989, 9275, 16507, 18532];
 
     fn assert_errors_are_as_promised(seeds: impl IntoParallelIterator<Item = u64> + Clone) {
         for (tolerance, promises) in [(TOLERANCE, [1e-12, 1e-10]), (MEAN_TOLERANCE, [1e-9; 2])] {
@@ -977,10 +978,10 @@ mod tests {
         }
     }
 
-    /// `cargo test --release -p thinfilm fast_lanes_are_right_in_many -- --ignored`, some minutes.
+    /// `cargo test --release -p thinfilm long_fast_lanes -- --ignored`, five minutes.
     #[test]
     #[ignore = "long"]
-    fn fast_lanes_are_right_in_many_stacks() {
+    fn long_fast_lanes_are_right_in_many_stacks() {
         assert_errors_are_as_promised(0..20_000);
     }
 
