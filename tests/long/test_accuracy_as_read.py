@@ -14,8 +14,10 @@ from built import run
 INCIDENCES = 60
 WALK_INCIDENCES = 30
 # Exit directions of an incidence: over θo (signed in decay tables) and φ.
-EXITS = {"decay": (301, 24), "space": (181, 72)}
+EXITS = {"decay": (301, 24), "space": (181, 144)}
 PERCENT = {"decay": [5, 1, 0.1, 0.01], "space": [5, 1, 0.1]}
+# Cells of the truth in space where as many as its accuracy takes would be more than a table holds.
+TRUTH_CELLS, TRUTH_CELLS_BELOW = "630x860", 0.05
 # What is walked, per cent, and with which seeds: 130 tables.
 WALKED = {"decay": [5, 2], "space": [5]}
 SEEDS = [1, 2, 3, 4, 5]
@@ -53,7 +55,7 @@ def exits(theta_i, azimuth, width):
         return 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
 
     theta, d_theta = dense(thetas, 0.0, np.pi / 2, theta_i, width)
-    phi, d_phi = dense(phis, 0.0, np.pi, 0.0, max(width / max(np.tan(theta_i), 1e-3), 0.02))
+    phi, d_phi = dense(phis, 0.0, np.pi, 0.0, max(width / max(np.tan(theta_i), 1e-3), 1e-4))
     theta, phi = np.meshgrid(theta, phi, indexing="ij")
     return theta.ravel(), phi.ravel(), 2 * (np.sin(theta) * np.outer(d_theta, d_phi)).ravel()
 
@@ -75,15 +77,18 @@ def apart(evaluator, table, truth, info, azimuth, theta_i):
 
 
 def incidences(count):
-    """Angles that are no nodes of a table, a third of them beyond 70°, degrees."""
+    """Angles that are no nodes of a table, a third of them beyond 70°, a few of those next to the horizon, degrees."""
     random = np.random.default_rng(7)
     incident = np.degrees(np.arccos(random.uniform(0.0, 1.0, count)))
     incident[: count // 3] = 90 - random.uniform(0.0, 1.0, count // 3) ** 2 * 20
+    incident[:3] = [89.55, 89.88, 89.95]
     return np.round(np.sort(incident), 4)
 
 
 def truth(folder, recipe, azimuth, percent, incident):
     how = ["--solver", "doubling", "--azimuth", azimuth, "--accuracy", percent]
+    if azimuth == "space" and percent < TRUTH_CELLS_BELOW:
+        how += ["--cells", TRUTH_CELLS]
     return table(folder, "truth", recipe, *how, "--incident-deg", ",".join(map(str, incident)))
 
 

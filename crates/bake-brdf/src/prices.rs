@@ -63,8 +63,8 @@ pub(crate) const OVERHEAD_SECONDS: f64 = 0.01;
 pub(crate) const HEADER_BYTES: u64 = 5_000;
 /// Bytes of metadata an incidence, and compressed bytes a cell, by solver: of the paper's pearl.
 pub(crate) const INCIDENCE_BYTES: u64 = 700;
-pub(crate) const WALK_CELL_BYTES: f64 = 22.0;
-pub(crate) const DOUBLING_CELL_BYTES: f64 = 25.0;
+pub(crate) const WALK_CELL_BYTES: f64 = 23.0;
+pub(crate) const DOUBLING_CELL_BYTES: f64 = 16.0;
 /// Bytes of M and Ê in the metadata: 91 and 19 angles of 80 bands as JSON text (a regular stack's M; an irregular one's
 /// has 19 angles too).
 pub(crate) const SPECTRUM_BYTES: [u64; 2] = [80_000, 17_000];

@@ -28,8 +28,12 @@ const FEW: f64 = 0.7;
 const ENOUGH: f64 = 0.9;
 /// Fewest and most rows.
 const ROWS: std::ops::RangeInclusive<usize> = 3..=2001;
-/// Incidences at which cells are chosen, and judged.
+/// Incidences at which cells are chosen, and judged; and some so far from the horizon, in widths: there re-hits vanish, and their shape is as
+/// narrow as what is left of them is faint.
 const CELL_PROBES: usize = 10;
+const BESIDE_HORIZON: [f64; 3] = [0.1, 0.03, 0.012];
+/// There cells may take as much more of the accuracy: what the solver leaves of re-hits is nothing.
+const BESIDE_SHARE: f64 = 1.8;
 /// Cells from which the choice starts, and fewest and most of a dimension.
 const FIRST_CELLS: usize = 32;
 const FEWEST_CELLS: usize = 12;
@@ -37,7 +41,10 @@ const MOST_CELLS: usize = 4096;
 
 /// Incidences at which cells are chosen.
 pub(super) fn probes(axis: &ExitAxis) -> Vec<f64> {
-    spread_out(CELL_PROBES, axis.width())
+    let beside = BESIDE_HORIZON.map(|widths| FRAC_PI_2 - widths * axis.width());
+    let mut probes = [spread_out(CELL_PROBES, axis.width()), beside.to_vec()].concat();
+    probes.sort_by(f64::total_cmp);
+    probes
 }
 
 /// By how much an error of all light counts less than as much of the interior, which renderers read beside it.
@@ -59,8 +66,13 @@ pub(super) fn cells(
     probed: &Solution,
 ) -> Result<(ExitAxis, f64), BakeError> {
     let missed = |axis: &ExitAxis| -> Result<f64, BakeError> {
-        let at = |i| go_on(stop).map(|()| reading::between_cells(axis, azimuth, probed, i).worst());
-        (0..CELL_PROBES).into_par_iter().map(at).try_reduce(|| 0.0, |a, b| Ok(a.max(b)))
+        let at = |i: usize| {
+            go_on(stop)?;
+            let missed = reading::between_cells(axis, azimuth, probed, i).worst();
+            let beside = (FRAC_PI_2 - probed.lobes[i].theta_i) / axis.width();
+            Ok(if beside > 0.0 && beside < 1.1 * BESIDE_HORIZON[0] { missed / BESIDE_SHARE } else { missed })
+        };
+        (0..probed.lobes.len()).into_par_iter().map(at).try_reduce(|| 0.0, |a, b| Ok(a.max(b)))
     };
     let even = |cells: f64| (2 * (0.5 * cells).ceil() as usize).clamp(FEWEST_CELLS, MOST_CELLS);
     let width = first.width();
@@ -186,10 +198,12 @@ pub(super) fn missed(axis: &ExitAxis, azimuth: Azimuth, solution: &Solution, row
         .iter()
         .map(|look| look.missed)
         .fold(Missed::default(), Missed::max);
-    let probes = CELL_PROBES.min(rows);
-    let between_cells = (0..probes)
+    let off = |i: &usize, probe: f64| (solution.lobes[*i].theta_i - probe).abs();
+    let nearest = |probe: f64| (0..rows).min_by(|a, b| off(a, probe).total_cmp(&off(b, probe)));
+    let mut judged: Vec<usize> = probes(axis).into_iter().filter_map(nearest).collect();
+    judged.dedup();
+    let between_cells = judged
         .into_par_iter()
-        .map(|probe| probe * (rows - 1) / (probes - 1).max(1))
         .map(|i| reading::between_cells(axis, azimuth, solution, i))
         .reduce(Missed::default, Missed::max);
     [between_rows.rounded(), between_cells.rounded()]
@@ -289,4 +303,31 @@ fn rounded(rows: &[f64]) -> Vec<f64> {
     rounded[last] = 90.0;
     rounded.dedup();
     rounded
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::request::Request;
+    use super::*;
+    use crate::options::{Options, Target};
+    use crate::recipe::Recipe;
+    use transport::doubling;
+
+    /// Of facets so steep that a ray meets several of them.
+    #[test]
+    fn cells_hold_the_accuracy_of_re_hits_beside_the_horizon() {
+        let recipe = r#"{"stack":{"layers":50},"facets":{"slope_sd_deg":14},"azimuth":{"mode":"space"}}"#;
+        let recipe = Recipe::from_json(recipe).unwrap();
+        let accuracy = 2e-3;
+        let options = Options { target: Target::AccuracyPercent(100.0 * accuracy), ..Options::default() };
+        let request = Request::new(recipe, options).unwrap();
+        let theta_i = [88.0_f64, 89.3, 89.65, 89.9].map(f64::to_radians);
+        let (transport, azimuth) = (request.transport().unwrap(), request.recipe.azimuth);
+        let solution =
+            doubling::solve_to(&transport, request.geometry(), &theta_i, 0.1 * accuracy, false).unwrap();
+        for (i, theta_i) in theta_i.iter().enumerate() {
+            let missed = reading::between_cells(&request.exit_axis(), azimuth, &solution, i).worst();
+            assert!(missed < accuracy, "{theta_i}: {missed}");
+        }
+    }
 }
