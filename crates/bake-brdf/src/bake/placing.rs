@@ -26,6 +26,8 @@ const CELLS_AIM: f64 = 0.97;
 /// Rows are too many where they miss less than this share of what they may miss; cells are few enough at this.
 const FEW: f64 = 0.7;
 const ENOUGH: f64 = 0.9;
+/// Rounds of choosing cells in which their dimensions are balanced, at least.
+const BALANCED: usize = 2;
 /// Fewest and most rows.
 const ROWS: std::ops::RangeInclusive<usize> = 3..=2001;
 /// Incidences at which cells are chosen, and judged; and some so far from the horizon, in widths: there re-hits vanish, and their shape is as
@@ -83,22 +85,27 @@ pub(super) fn cells(
         }
         ExitAxis::Space { theta_cells: even(theta), phi_cells: even(phi), width }
     };
-    let mut cells = [FIRST_CELLS as f64, 0.5 * FIRST_CELLS as f64];
-    let mut found = missed(&axis(cells))?;
-    if !plane {
-        // What either dimension gives: halve it, and three quarters of its part come on top. Cells are fewest where both are equal.
-        let [theta, phi] = cells;
+    // What either dimension gives: halve it, and three quarters of its part come on top. Cells are fewest where both are equal.
+    let balanced = |[theta, phi]: [f64; 2], found: f64| -> Result<[f64; 2], BakeError> {
+        if plane {
+            return Ok([theta, phi]);
+        }
         let part = |halved| missed(&axis(halved)).map(|halved| (halved - found).max(0.0));
         let parts = [part([0.5 * theta, phi])?, part([theta, 0.5 * phi])?];
         let sum = (parts[0] + parts[1]).max(f64::MIN_POSITIVE);
-        let stretch = parts.map(|part| (2.0 * part / sum).sqrt().clamp(0.5, 2.0));
-        cells = [theta * stretch[0], phi * stretch[1]];
-    }
+        let [of_theta, of_phi] = parts.map(|part| (2.0 * part / sum).sqrt().clamp(0.5, 2.0));
+        Ok([theta * of_theta, phi * of_phi])
+    };
+    let mut cells = [FIRST_CELLS as f64, 0.5 * FIRST_CELLS as f64];
+    let mut found = missed(&axis(cells))?;
     for round in 0..ROUNDS {
         // Errors of linear reading fall with the square of the cells.
         let scale = (found / (CELLS_AIM * share)).sqrt().clamp(0.25, 8.0);
-        if round > 0 && found <= share && scale > ENOUGH {
+        if round >= BALANCED && found <= share && scale > ENOUGH {
             break;
+        }
+        if round < BALANCED {
+            cells = balanced(cells, found)?;
         }
         cells = cells.map(|cells| cells * scale);
         found = missed(&axis(cells))?;
