@@ -255,8 +255,7 @@ fn beside_seconds(geometry: Geometry, beside: &[f64]) -> f64 {
 
 /// The settings that doubling starts with.
 pub(super) fn settings(request: &Request, transport: &Transport, accuracy: f64) -> Settings {
-    let wanted = request.grid.solver_wanted(accuracy);
-    Settings::for_accuracy(transport, request.geometry(), wanted.aim).raised(wanted.raised)
+    request.grid.solver_wanted(accuracy).settings(transport, request.geometry())
 }
 
 /// Refuses what doubling would refuse before it begins.

@@ -6,7 +6,7 @@ use lut_io::axis::ExitAxis;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use transport::doubling::{Checked, DoublingError, Operator, Settings, Solution, Wanted};
+use transport::doubling::{Checked, DoublingError, Operator, Solution, Wanted};
 use transport::{Geometry, Light, Transport};
 
 /// Shares of the accuracy asked for that reading between rows, and between cells, may take: more for cells where there are two
@@ -69,9 +69,10 @@ fn lobe_share(axis: &ExitAxis, accuracy: f64, refinements: u32) -> f64 {
     share.max(LOBE_SHARES[0].min(0.5 * accuracy)).min(LOBE_SHARES[1])
 }
 
-/// What the estimate of lobes that aim at a total variation may come to.
-const fn solver_most(aim: f64, accuracy: f64) -> f64 {
-    aim.max(SOLVER_MOST * accuracy)
+/// What lobes that decide a grid, and those that are stored, are solved to.
+fn wanted(axis: &ExitAxis, accuracy: f64, refinements: u32, raised: u32) -> Wanted {
+    let aim = lobe_share(axis, accuracy, refinements);
+    Wanted { aim, most: aim.max(SOLVER_MOST * accuracy), raised }
 }
 
 impl Grid {
@@ -85,8 +86,7 @@ impl Grid {
 
     /// Total variation that doubling is asked for where a table is wanted to an accuracy (shares of all light).
     pub(super) fn solver_wanted(&self, accuracy: f64) -> Wanted {
-        let aim = lobe_share(&self.axis, accuracy, self.refinements);
-        Wanted { aim, most: solver_most(aim, accuracy), raised: self.raised }
+        wanted(&self.axis, accuracy, self.refinements, self.raised)
     }
 
     /// The grid that a request asks for: its own incidences or as few as its accuracy takes, and as few cells as that takes. A
@@ -182,10 +182,9 @@ fn lobes(
     accuracy: f64,
     refinements: u32,
 ) -> Result<Option<Lobes>, BakeError> {
-    let probes = placing::probes(axis);
-    let aim = |refinements| lobe_share(axis, accuracy, refinements);
+    let probes: Vec<f64> = placing::probes(axis).iter().map(|probe| probe.theta_i).collect();
     let operator = |refinements, raised| -> Result<Option<Operator>, BakeError> {
-        let settings = Settings::for_accuracy(transport, geometry, aim(refinements)).raised(raised);
+        let settings = wanted(axis, accuracy, refinements, raised).settings(transport, geometry);
         if settings.cost(transport, geometry, SOLVED).seconds > AFFORDABLE {
             return Ok(None);
         }
@@ -205,7 +204,7 @@ fn lobes(
         }
     }
     // Lobes that ring would be given cells for their ringing.
-    let most = solver_most(aim(refinements), accuracy);
+    let most = wanted(axis, accuracy, refinements, 0).most;
     let mut checked = Checked::new_unless(stop, first)?;
     let mut raised = 0;
     loop {

@@ -26,26 +26,37 @@ const CELLS_AIM: f64 = 0.97;
 /// Rows are too many where they miss less than this share of what they may miss; cells are few enough at this.
 const FEW: f64 = 0.7;
 const ENOUGH: f64 = 0.9;
-/// Rounds of choosing cells in which their dimensions are balanced, at least.
+/// In so many rounds of choosing cells their dimensions are balanced; there are no fewer.
 const BALANCED: usize = 2;
 /// Fewest and most rows.
 const ROWS: std::ops::RangeInclusive<usize> = 3..=2001;
 /// Incidences at which cells are chosen, and judged; and some so far from the horizon, in widths: there re-hits vanish, and their shape is as
 /// narrow as what is left of them is faint.
-const CELL_PROBES: usize = 10;
-const BESIDE_HORIZON: [f64; 3] = [0.1, 0.03, 0.012];
+const SPREAD_PROBES: usize = 10;
+const GRAZING_PROBES: [f64; 3] = [0.1, 0.03, 0.012];
 /// There cells may take as much more of the accuracy: what the solver leaves of re-hits is nothing.
-const BESIDE_SHARE: f64 = 1.8;
+const GRAZING_ALLOWANCE: f64 = 1.8;
 /// Cells from which the choice starts, and fewest and most of a dimension.
 const FIRST_CELLS: usize = 32;
 const FEWEST_CELLS: usize = 12;
 const MOST_CELLS: usize = 4096;
 
-/// Incidences at which cells are chosen.
-pub(super) fn probes(axis: &ExitAxis) -> Vec<f64> {
-    let beside = BESIDE_HORIZON.map(|widths| FRAC_PI_2 - widths * axis.width());
-    let mut probes = [spread_out(CELL_PROBES, axis.width()), beside.to_vec()].concat();
-    probes.sort_by(f64::total_cmp);
+/// An incidence at which cells are chosen.
+#[derive(Clone, Copy)]
+pub(super) struct Probe {
+    pub(super) theta_i: f64,
+    /// How much more than elsewhere reading between cells may miss there.
+    allowance: f64,
+}
+
+/// Incidences at which cells are chosen, ascending.
+pub(super) fn probes(axis: &ExitAxis) -> Vec<Probe> {
+    let spread = spread_out(SPREAD_PROBES, axis.width());
+    let spread = spread.into_iter().map(|theta_i| Probe { theta_i, allowance: 1.0 });
+    let grazing = GRAZING_PROBES.map(|widths| FRAC_PI_2 - widths * axis.width());
+    let grazing = grazing.into_iter().map(|theta_i| Probe { theta_i, allowance: GRAZING_ALLOWANCE });
+    let mut probes: Vec<Probe> = spread.chain(grazing).collect();
+    probes.sort_by(|a, b| a.theta_i.total_cmp(&b.theta_i));
     probes
 }
 
@@ -67,14 +78,13 @@ pub(super) fn cells(
     share: f64,
     probed: &Solution,
 ) -> Result<(ExitAxis, f64), BakeError> {
+    let probes = probes(first);
     let missed = |axis: &ExitAxis| -> Result<f64, BakeError> {
-        let at = |i: usize| {
+        let at = |(i, probe): (usize, &Probe)| {
             go_on(stop)?;
-            let missed = reading::between_cells(axis, azimuth, probed, i).worst();
-            let beside = (FRAC_PI_2 - probed.lobes[i].theta_i) / axis.width();
-            Ok(if beside > 0.0 && beside < 1.1 * BESIDE_HORIZON[0] { missed / BESIDE_SHARE } else { missed })
+            Ok(reading::between_cells(axis, azimuth, probed, i).worst() / probe.allowance)
         };
-        (0..probed.lobes.len()).into_par_iter().map(at).try_reduce(|| 0.0, |a, b| Ok(a.max(b)))
+        probes.par_iter().enumerate().map(at).try_reduce(|| 0.0, |a, b| Ok(a.max(b)))
     };
     let even = |cells: f64| (2 * (0.5 * cells).ceil() as usize).clamp(FEWEST_CELLS, MOST_CELLS);
     let width = first.width();
@@ -207,7 +217,7 @@ pub(super) fn missed(axis: &ExitAxis, azimuth: Azimuth, solution: &Solution, row
         .fold(Missed::default(), Missed::max);
     let off = |i: &usize, probe: f64| (solution.lobes[*i].theta_i - probe).abs();
     let nearest = |probe: f64| (0..rows).min_by(|a, b| off(a, probe).total_cmp(&off(b, probe)));
-    let mut judged: Vec<usize> = probes(axis).into_iter().filter_map(nearest).collect();
+    let mut judged: Vec<usize> = probes(axis).iter().filter_map(|probe| nearest(probe.theta_i)).collect();
     judged.dedup();
     let between_cells = judged
         .into_par_iter()

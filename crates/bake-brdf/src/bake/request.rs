@@ -184,12 +184,12 @@ impl Request {
             let precision = self.transport().map(|transport| options.precision.resolve(&transport)).ok();
             let walk = (options.seed, options.event_cap, precision);
             let walk = (solver != SolverChoice::Doubling).then_some(walk);
-            // A walk is no finer for it.
-            let [refinements, raised] = match solver {
-                SolverChoice::Doubling => [self.grid.refinements, self.grid.raised],
-                _ => [0, 0],
-            };
-            (solver, Grid { refinements, raised, ..self.grid.clone() }, options.target, walk)
+            let mut grid = self.grid.clone();
+            if solver != SolverChoice::Doubling {
+                // A walk is no finer for it.
+                (grid.refinements, grid.raised) = (0, 0);
+            }
+            (solver, grid, options.target, walk)
         });
         // Who is preferred says nothing of what is solved.
         let recipe = Recipe { solver, ..self.recipe.clone() };

@@ -483,6 +483,21 @@ impl Wanted {
     pub const fn of(total_variation: f64) -> Self {
         Self { aim: total_variation, most: total_variation, raised: 0 }
     }
+
+    /// The resolution that is tried first.
+    #[must_use]
+    pub fn settings(&self, transport: &Transport, geometry: Geometry) -> Settings {
+        let first = Settings::for_accuracy(transport, geometry, self.aim);
+        (0..self.raised).fold(first, |settings, _| settings.finer())
+    }
+
+    /// The one that it is compared with: where it was raised, the one before.
+    fn coarser(&self, transport: &Transport, geometry: Geometry) -> Settings {
+        match self.raised.checked_sub(1) {
+            Some(raised) => Self { raised, ..*self }.settings(transport, geometry),
+            None => self.settings(transport, geometry).coarser(),
+        }
+    }
 }
 
 /// [`solve_to`], which stops soon after `stop` is set, from anywhere. Where the stack is `known` at the resolution that is called for,
@@ -499,16 +514,14 @@ pub fn solve_to_unless(
     both_sides: bool,
     known: Option<&Checked>,
 ) -> Result<Solution, DoublingError> {
-    let Wanted { aim, most: total_variation, raised } = wanted;
+    let Wanted { aim, most: total_variation, .. } = wanted;
     for value in [aim, total_variation] {
         if !(1e-9..=0.5).contains(&value) {
             let expected = "from 1e-9 to 0.5";
             return Err(DoublingError::Domain { field: "total_variation", value, expected });
         }
     }
-    let first = Settings::for_accuracy(transport, geometry, aim);
-    let mut settings = first.raised(raised);
-    let coarser = raised.checked_sub(1).map_or_else(|| first.coarser(), |less| first.raised(less));
+    let mut settings = wanted.settings(transport, geometry);
     // Attempts that each could be paid for can be too dear together.
     let mut spent = settings.check_first_attempt(transport, geometry, theta_i)?;
     let solve = |settings: &Settings| solve_unless(stop, transport, geometry, theta_i, settings);
@@ -519,7 +532,7 @@ pub fn solve_to_unless(
     };
     let mut solution = match known.filter(|known| known.is_of(transport, geometry, &settings)) {
         Some(known) => known.solve_unless(stop, theta_i)?,
-        None => compared(&solve(&coarser)?, &settings)?,
+        None => compared(&solve(&wanted.coarser(transport, geometry))?, &settings)?,
     };
     let mut reached = f64::INFINITY;
     for attempt in 1..=ATTEMPTS {

@@ -297,12 +297,6 @@ impl Settings {
         self.check_price(transport, geometry, theta_i.len(), coarse)
     }
 
-    /// Made finer so often.
-    #[must_use]
-    pub fn raised(self, times: u32) -> Self {
-        (0..times).fold(self, |settings, _| settings.finer())
-    }
-
     pub(super) fn modes_in(&self, geometry: Geometry) -> usize {
         match geometry {
             Geometry::Plane => 2,
