@@ -126,6 +126,14 @@ def test_wrong_input_is_one_line_and_exit_2(tmp_path, recipe):
         assert kept.read_bytes() == b"the old table"
 
 
+def test_clusters_side_by_side_are_quiet(tmp_path, recipe):
+    refused = [recipe, "--paths", 1000, "-o", tmp_path / "none.exr", "--workers", 1, "-q", "--", "azimuth=flat"]
+    bakes = [driver(*refused) for _ in range(3)]
+    for bake in bakes:
+        _, stderr = bake.communicate(timeout=120)
+        assert bake.returncode == 2 and len(stderr.strip().splitlines()) == 1, stderr
+
+
 SBATCH = """#!/bin/bash
 # Answers as sbatch does, and runs each task of the array here, the last one first, as Slurm would elsewhere. ANSWER is what
 # --parsable prints. How many tasks the array has is not what a shard may go by: it says 1.

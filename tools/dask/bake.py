@@ -117,10 +117,9 @@ def cluster(arguments):
                 yield client
             return
         workers = arguments.workers or max(1, (os.cpu_count() or 1) // arguments.threads_per_shard)
-        with (
-            LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None) as local,
-            Client(local) as client,
-        ):
+        # Workers that end while they hold tasks, as where a recipe is refused, and a second cluster on this machine, say so at length.
+        quiet = {"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": ":0"}, "silence_logs": logging.CRITICAL}
+        with LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, **quiet) as local, Client(local) as client:
             yield client
 
 
