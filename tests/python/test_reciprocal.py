@@ -23,7 +23,7 @@ def run(tool, *args, expect=0, **keywords):
 @pytest.fixture(scope="module", params=["decay", "space"])
 def table(request, tmp_path_factory):
     path = tmp_path_factory.mktemp("reciprocal") / "table.exr"
-    bake = ["--azimuth", request.param, "--solver", "doubling", "--accuracy", 0.5, "-q", "--reciprocal", "-o", path]
+    bake = ["--azimuth", request.param, "--solver", "doubling", "--accuracy", 1, "-q", "--reciprocal", "-o", path]
     run("bake-brdf", *bake)
     return path
 

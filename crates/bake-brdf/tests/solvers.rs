@@ -79,8 +79,17 @@ fn both_sides_are_stored_whole() {
     for (recipe, azimuth) in
         [(recipe, "decay"), (recipe, "space"), (absorbing, "decay"), (SMOOTH[0], "space")]
     {
-        let args =
-            ["--solver", "doubling", "--both-sides", "--azimuth", azimuth, "--incident-deg", "0,40,80"];
+        let args = [
+            "--solver",
+            "doubling",
+            "--accuracy",
+            "5",
+            "--both-sides",
+            "--azimuth",
+            azimuth,
+            "--incident-deg",
+            "0,40,80",
+        ];
         let (table, _) = bake(recipe, &args);
         let section = table.meta().both_sides.as_ref().expect("the section was asked for");
         let cells = table.meta().exit_axis.cells();
@@ -115,7 +124,7 @@ fn light_from_below_meets_the_stack_upside_down() {
     let stack = |ambient: f64, substrate: f64, first: f64, last: f64| {
         format!(
             r#"{{"stack":{{"layers":2,"ambient":{{"n":{ambient}}},"aragonite":{{"n":{first}}},"conchiolin":{{"n":{last}}},
-            "substrate":{{"n":{substrate}}}}},"facets":{{"slope_sd_deg":6}}}}"#
+            "substrate":{{"n":{substrate}}}}},"facets":{{"slope_sd_deg":10}}}}"#
         )
     };
     let (both, _) = bake(&stack(1.0, 1.3, 1.6, 1.4), &[&sides[..], &["--both-sides"]].concat());

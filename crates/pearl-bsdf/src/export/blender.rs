@@ -8,7 +8,7 @@
 //!
 //! [`Curves::eval`] is the arithmetic of `blender/pearl.py` once more: the printed error is that of the file.
 
-use super::microfacet::{self, Point, beckmann_about, bounded, in_plane};
+use super::microfacet::{self, Beckmann, Point, bounded, in_plane};
 use super::nonnegative;
 use crate::round_trip::point;
 use crate::{BsdfError, Components, Controls, Direction, PearlBsdf};
@@ -240,7 +240,7 @@ impl Curves {
             shape[..3].copy_from_slice(&from_sockets(self.read(self.rows.shape + k, theta)));
             shape[3] = if k < SINGLE { 0.0 } else { turns[k - SINGLE] };
         }
-        let reflections = reflections(&shapes, theta, in_plane(view, light));
+        let wo = in_plane(view, light);
         let Controls { depth, body_rgb, tint_rgb, .. } = self.controls;
         let emission = self.read_scaled(self.rows.emission, theta);
         let left = self.left(theta);
@@ -248,7 +248,7 @@ impl Curves {
             left[c] * (body_rgb[c] * ((1.0 - depth) + depth * tint_rgb[c] * emission[c])).min(1.0)
         });
         let mut sum = [0.0; 3];
-        for (b, reflection) in reflections.into_iter().enumerate() {
+        for (b, reflection) in Reflection::all(&shapes, theta).into_iter().enumerate() {
             let count = self.scales.len();
             let weight = self.shown(self.rows.plain + b, self.rows.modulated + b * count, theta);
             for c in 0..3 {
@@ -260,7 +260,7 @@ impl Curves {
                         if b == LOBES { 1.0 } else { ramp_light(b - LOBES - 1) * ramp_peak(b - LOBES - 1) };
                     seen[c] * self.base[b - LOBES][c] / own
                 };
-                sum[c] += (weight[c] + base) * reflection;
+                sum[c] += (weight[c] + base) * reflection.towards(wo);
             }
         }
         sum
@@ -336,27 +336,46 @@ fn ramp_light(j: usize) -> f64 {
     2.0 * PI * (1.0 - (b.sin() - a.sin()) / (b - a))
 }
 
-/// f·cos θo of every reflection of colour 1; the view is in the plane of x and z.
-fn reflections(shapes: &Shapes, theta: f64, wo: Direction) -> [f64; BASIS] {
-    std::array::from_fn(|b| reflection(b, shapes, theta, wo))
+/// What every reflection sends back at colour 1, of a view in the plane of x and z.
+#[derive(Clone, Copy, Debug)]
+enum Reflection {
+    Lobe(Beckmann),
+    Pair([Beckmann; 2]),
+    Diffuse,
+    /// Its light at the top, where it begins to fall and where it ends, radians.
+    Ramp(f64, [f64; 2]),
 }
 
-fn reflection(b: usize, shapes: &Shapes, theta: f64, wo: Direction) -> f64 {
-    if wo[2] <= 0.0 {
-        return 0.0;
+impl Reflection {
+    fn all(shapes: &Shapes, theta: f64) -> [Self; BASIS] {
+        std::array::from_fn(|b| Self::new(b, shapes, theta))
     }
-    if let Some(shape) = shapes.get(b * NUMBERS..(b + 1) * NUMBERS) {
-        let wi = [theta.sin(), 0.0, theta.cos()];
-        let about = |turn: f64| beckmann_about([wi, wo], [shape[0].exp(), shape[1].exp()], [shape[2], turn]);
-        let turn = shape[3];
-        return if b < SINGLE { about(0.0) } else { 0.5 * (about(turn) + about(-turn)) };
+
+    fn new(b: usize, shapes: &Shapes, theta: f64) -> Self {
+        if let Some(shape) = shapes.get(b * NUMBERS..(b + 1) * NUMBERS) {
+            let wi = [theta.sin(), 0.0, theta.cos()];
+            let about = |turn: f64| Beckmann::new(wi, [shape[0].exp(), shape[1].exp()], [shape[2], turn]);
+            let turn = shape[3];
+            return if b < SINGLE { Self::Lobe(about(0.0)) } else { Self::Pair([turn, -turn].map(about)) };
+        }
+        let Some(j) = b.checked_sub(LOBES + 1) else { return Self::Diffuse };
+        Self::Ramp(ramp_peak(j), [EDGES_DEG[j], EDGES_DEG[j + 1]].map(f64::to_radians))
     }
-    if b == LOBES {
-        return wo[2] * FRAC_1_PI;
+
+    /// f·cos θo.
+    fn towards(&self, wo: Direction) -> f64 {
+        if wo[2] <= 0.0 {
+            return 0.0;
+        }
+        match self {
+            Self::Lobe(lobe) => lobe.towards(wo),
+            Self::Pair(lobes) => 0.5 * lobes.iter().map(|lobe| lobe.towards(wo)).sum::<f64>(),
+            Self::Diffuse => wo[2] * FRAC_1_PI,
+            Self::Ramp(peak, [from, to]) => {
+                peak * ((to - wo[2].min(1.0).acos()) / (to - from)).clamp(0.0, 1.0)
+            }
+        }
     }
-    let j = b - LOBES - 1;
-    let [from, to] = [EDGES_DEG[j], EDGES_DEG[j + 1]].map(f64::to_radians);
-    ramp_peak(j) * ((to - wo[2].min(1.0).acos()) / (to - from)).clamp(0.0, 1.0)
 }
 
 /// Roughness and anisotropy of Blender's sockets, and the tilt.
@@ -426,8 +445,9 @@ struct Columns {
 impl Columns {
     fn new(points: &[Point], shapes: &Shapes, theta: f64) -> Self {
         let peak = points.iter().map(|point| point.value).fold(f64::MIN_POSITIVE, f64::max);
-        let values: Vec<[f64; BASIS]> =
-            points.iter().map(|point| reflections(shapes, theta, point.wo)).collect();
+        let reflections = Reflection::all(shapes, theta);
+        let towards = |point: &Point| reflections.map(|reflection| reflection.towards(point.wo));
+        let values: Vec<[f64; BASIS]> = points.iter().map(towards).collect();
         let scales: Vec<f64> =
             points.iter().map(|point| point.solid_angle / (point.value + FLOOR * peak)).collect();
         let solid_angles = points.iter().map(|point| point.solid_angle).collect();
@@ -456,8 +476,9 @@ impl Columns {
         for b in 0..LOBES {
             let numbers = b * NUMBERS..(b + 1) * NUMBERS;
             if self.shapes[numbers.clone()] != shapes[numbers] {
+                let reflection = Reflection::new(b, shapes, theta);
                 for (row, point) in self.values.iter_mut().zip(points) {
-                    row[b] = reflection(b, shapes, theta, point.wo);
+                    row[b] = reflection.towards(point.wo);
                 }
                 self.multiply(b);
             }

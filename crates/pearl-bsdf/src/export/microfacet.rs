@@ -90,7 +90,7 @@ impl Microfacets {
         let share = if b.theta > a.theta { (theta - a.theta) / (b.theta - a.theta) } else { 0.0 };
         let mix = |a: f64, b: f64| a + share * (b - a);
         let parameters = std::array::from_fn(|i| mix(a.parameters[i], b.parameters[i]));
-        let lobe = lobes(&parameters, view[2].clamp(-1.0, 1.0), in_plane(view, light));
+        let lobe = sum_towards(&lobes(&parameters, view[2].clamp(-1.0, 1.0)), in_plane(view, light));
         std::array::from_fn(|c| {
             lobe * mix(a.colour[c], b.colour[c]) + mix(a.base[c], b.base[c]) * light[2] * FRAC_1_PI
         })
@@ -205,11 +205,13 @@ impl Problem {
         let points = drawn(plain, theta, COMPARED);
         let total = |of: &dyn Fn(&Point) -> f64| points.iter().map(|p| of(p) * p.solid_angle).sum::<f64>();
         let light = total(&|point| point.value);
-        let fitted = total(&|point| lobes(&parameters, cos, point.wo));
+        let unscaled = lobes(&parameters, cos);
+        let fitted = total(&|point| sum_towards(&unscaled, point.wo));
         if fitted > 0.0 {
             parameters.iter_mut().step_by(NUMBERS).for_each(|weight| *weight += (light / fitted).ln());
         }
-        let apart = total(&|point| (lobes(&parameters, cos, point.wo) - point.value).abs());
+        let scaled = lobes(&parameters, cos);
+        let apart = total(&|point| (sum_towards(&scaled, point.wo) - point.value).abs());
         let sum = |parts: &[[f64; 3]]| -> [f64; 3] {
             std::array::from_fn(|c| parts.iter().map(|rgb| rgb[c]).sum())
         };
@@ -240,10 +242,10 @@ impl MPFitter for Fit<'_> {
     fn eval(&mut self, parameters: &[f64], deviates: &mut [f64]) -> MPResult<()> {
         let parameters: Parameters = std::array::from_fn(|i| parameters[i]);
         let Problem { theta, points, peak } = self.problem;
-        let cos = theta.cos();
+        let lobes = lobes(&parameters, theta.cos());
         for (deviate, Point { wo, value, solid_angle }) in deviates.iter_mut().zip(points) {
             let scale = (solid_angle / (value + FLOOR * peak)).sqrt();
-            *deviate = (lobes(&parameters, cos, *wo) - value) * scale;
+            *deviate = (sum_towards(&lobes, *wo) - value) * scale;
         }
         Ok(())
     }
@@ -281,51 +283,70 @@ pub(super) fn in_plane(view: Direction, light: Direction) -> Direction {
     [light[0] * x + light[1] * y, light[1] * x - light[0] * y, light[2]]
 }
 
-/// f·cos θo of all lobes; wi is in the plane of x and z.
-fn lobes(parameters: &Parameters, cos_i: f64, wo: Direction) -> f64 {
+/// The lobes at a viewing angle, each with its weight; wi is in the plane of x and z.
+fn lobes(parameters: &Parameters, cos_i: f64) -> [(f64, Beckmann); LOBES] {
     let wi = [(1.0 - cos_i * cos_i).max(0.0).sqrt(), 0.0, cos_i];
-    let lobe = |p: &[f64]| {
-        let [weight, along, across] = [0, 1, 2].map(|i| p[i].exp());
-        weight * beckmann(wi, wo, [along, across], p[3])
-    };
-    if wo[2] > 0.0 { parameters.chunks(NUMBERS).map(lobe).sum() } else { 0.0 }
+    std::array::from_fn(|k| {
+        let [weight, along, across, tilt] = std::array::from_fn(|i| parameters[k * NUMBERS + i]);
+        (weight.exp(), Beckmann::new(wi, [along.exp(), across.exp()], [tilt, 0.0]))
+    })
 }
 
-/// D·G/(4 wi·n) about a normal that is tilted in the plane of x and z, away from wi.
-fn beckmann(wi: Direction, wo: Direction, roughness: [f64; 2], tilt: f64) -> f64 {
-    beckmann_about([wi, wo], roughness, [tilt, 0.0])
+/// f·cos θo of all lobes.
+fn sum_towards(lobes: &[(f64, Beckmann)], wo: Direction) -> f64 {
+    if wo[2] > 0.0 { lobes.iter().map(|(weight, lobe)| weight * lobe.towards(wo)).sum() } else { 0.0 }
 }
 
-/// The same about a normal that is then turned towards y.
-pub(super) fn beckmann_about(
-    directions: [Direction; 2],
-    [along, across]: [f64; 2],
-    [tilt, turn]: [f64; 2],
-) -> f64 {
-    let [(sin, cos), (side, up)] = [tilt.sin_cos(), turn.sin_cos()];
-    let normal = [-sin * up, side, cos * up];
-    // Across, and what is along of the plane of x and z.
-    let y = normal[1].hypot(normal[2]);
-    let (y, z) = (normal[1] / y, normal[2] / y);
-    let local = |d: Direction| {
-        let sideways = d[1] * z - d[2] * y;
-        let flat = d[0] * normal[2].hypot(normal[1]) - normal[0] * (d[1] * y + d[2] * z);
-        [flat, sideways, (0..3).map(|k| d[k] * normal[k]).sum::<f64>()]
-    };
-    let [wi, wo] = directions.map(local);
-    if wi[2] <= 0.0 || wo[2] <= 0.0 {
-        return 0.0;
+/// D·G/(4 wi·n) about a normal that is tilted in the plane of x and z, away from wi, and then turned towards y.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Beckmann {
+    /// Along, across, normal.
+    frame: [Direction; 3],
+    /// In that frame.
+    wi: Direction,
+    roughness: [f64; 2],
+    /// Λ(wi).
+    shadow: f64,
+    /// 1/(4π·αx·αy·wi·n), 0 where the normal is turned away.
+    scale: f64,
+}
+
+impl Beckmann {
+    pub(super) fn new(wi: Direction, [along, across]: [f64; 2], [tilt, turn]: [f64; 2]) -> Self {
+        let [(sin, cos), (side, up)] = [tilt.sin_cos(), turn.sin_cos()];
+        let normal = [-sin * up, side, cos * up];
+        // Across, and what is along of the plane of x and z.
+        let flat = side.hypot(normal[2]);
+        let [y, z] = [side / flat, normal[2] / flat];
+        let frame = [[flat, -normal[0] * y, -normal[0] * z], [0.0, z, -y], normal];
+        let wi = in_frame(&frame, wi);
+        let scale = if wi[2] > 0.0 { 1.0 / (4.0 * PI * along * across * wi[2]) } else { 0.0 };
+        Self { frame, wi, roughness: [along, across], shadow: shadow(wi, [along, across]), scale }
     }
-    let half: Direction = std::array::from_fn(|i| wi[i] + wo[i]);
-    let [x, y] = [half[0] / (half[2] * along), half[1] / (half[2] * across)];
-    let cos2 = half[2] * half[2] / half.iter().map(|h| h * h).sum::<f64>();
-    let density = (-(x * x + y * y)).exp() / (PI * along * across * cos2 * cos2);
-    // Λ by Walter et al. (2007), as renderers have it.
-    let shadow = |d: Direction| {
-        let a = d[2] / (d[0] * along).hypot(d[1] * across).max(1e-12);
-        if a < 1.6 { (1.0 - 1.259 * a + 0.396 * a * a) / (3.535 * a + 2.181 * a * a) } else { 0.0 }
-    };
-    density / ((1.0 + shadow(wi) + shadow(wo)) * 4.0 * wi[2])
+
+    pub(super) fn towards(&self, wo: Direction) -> f64 {
+        let Self { wi, roughness, .. } = *self;
+        let wo = in_frame(&self.frame, wo);
+        if self.scale == 0.0 || wo[2] <= 0.0 {
+            return 0.0;
+        }
+        let half: Direction = std::array::from_fn(|i| wi[i] + wo[i]);
+        let [x, y] = [0, 1].map(|i| half[i] / (half[2] * roughness[i]));
+        let cos2 = half[2] * half[2] / half.iter().map(|h| h * h).sum::<f64>();
+        let density = (-(x * x + y * y)).exp() / (cos2 * cos2);
+        self.scale * density / (1.0 + self.shadow + shadow(wo, roughness))
+    }
+}
+
+fn in_frame(frame: &[Direction; 3], d: Direction) -> Direction {
+    frame.map(|axis| axis[0] * d[0] + axis[1] * d[1] + axis[2] * d[2])
+}
+
+/// Λ by Walter et al. (2007), as renderers have it.
+fn shadow(d: Direction, [along, across]: [f64; 2]) -> f64 {
+    let (x, y) = (d[0] * along, d[1] * across);
+    let a = d[2] / (x * x + y * y).sqrt().max(1e-12);
+    if a < 1.6 { (1.0 - 1.259 * a + 0.396 * a * a) / (3.535 * a + 2.181 * a * a) } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -338,6 +359,7 @@ mod tests {
     fn a_narrow_lobe_of_weight_1_sends_back_all_light() {
         for (theta, tilt) in [(0.0f64, 0.0), (0.5, 0.0), (0.5, 0.1), (0.9, -0.1)] {
             let wi = [theta.sin(), 0.0, theta.cos()];
+            let lobe = Beckmann::new(wi, [0.04, 0.06], [tilt, 0.0]);
             let (mut sum, steps) = (0.0, 1000);
             for i in 0..steps {
                 for j in 0..steps {
@@ -351,7 +373,7 @@ mod tests {
                     let wo: Direction = std::array::from_fn(|k| d * m[k] - wi[k]);
                     // dωo = 4 (wi·m) dωm, dωm = dslopes·cos³.
                     let measure = 2.0 * d * length.powi(-3) * 0.04 * 0.06 * 1e-4;
-                    sum += beckmann(wi, wo, [0.04, 0.06], tilt) * measure;
+                    sum += lobe.towards(wo) * measure;
                 }
             }
             assert!((sum - 1.0).abs() < 2e-3, "{theta} {tilt}: {sum}");
