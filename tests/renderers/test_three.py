@@ -85,7 +85,7 @@ async ([size, times]) => {
   const THREE = await import("three"), { harnessScene } = await import("nacre/scenes.js"), { Target } = await import("nacre/gl.js");
   const { SHOW } = await import("nacre/glsl/trace.js");
   const scene = new THREE.Scene();
-  const iridescence = { iridescence: 1, iridescenceIOR: 1.53, iridescenceThicknessRange: [450, 450] };
+  const iridescence = { iridescence: 1, iridescenceIOR: 1.53, iridescenceThicknessMaximum: 450 };
   scene.add(new THREE.Mesh(new THREE.SphereGeometry(1, 96, 64), new THREE.MeshPhysicalMaterial({ color: 0xcfcdc8, roughness: 0.2, ...iridescence })));
   const lamp = new THREE.PointLight(0xffffff, 45, 0, 2);
   lamp.position.set(-2, -4, 3);
@@ -299,10 +299,10 @@ def test_a_look_is_changed_and_a_wrong_one_refused(exported):
     assert said[1].startswith("look: colour is not known; expected one of depth, brightness")
 
 
-@pytest.mark.parametrize("recipe", ["paper", "akoya"])
+@pytest.mark.parametrize("recipe", ["paper", "akoya", "golden"])
 def test_a_frame_of_the_page_takes_at_most_three_of_threes_iridescent_material(recipe, site, browser):
-    """The same sphere under the same lamp, in turn; a frame is what is shown, and its pixels are waited for. Of a lobe at one
-    wavelength: each further one is a lobe more."""
+    """The same sphere under the same lamp, in turn; a frame is what is shown, and its pixels are waited for. The last has lobes at
+    six wavelengths."""
     folder, url = site
     run("bake-brdf", recipe, "--solver", "doubling", "--accuracy", 2, "-q", "-o", folder / "pearl.exr")
     run("lut", "export", folder / "pearl.exr", "--to", "arrays", "-q", "-o", folder / "pearl.npz")

@@ -149,15 +149,16 @@ export function chances(table, look, shown, of) {
 
 /** Rows of the texture of curves that each band has, after the two common ones: chances, and tint·Ê. */
 export const COMMON_ROWS = 2;
-export const BAND_ROWS = 3;
+export const BAND_ROWS = 2;
 
 /**
- * The texture of curves, RGBA, one row a curve: chances; tint·Ê; then of each band the colour of the lobes over θd, what is left
- * for the base (1 − A; and the factor of the single reflection), and the limit of the lobes.
+ * The texture of curves, RGBA, one row a curve: chances; tint·Ê; then of each band its share times the colour of the lobes over θd, and
+ * what is left for the base (1 − A; and the factor of the single reflection). Where the lobes are limited nothing is left, and their
+ * limit less 1 stands there: it is negative. The limit of reciprocal tables is one number, which the colour has.
  * @param {Table} table
  * @param {Look} look
  * @param {Shown} shown
- * @returns {{curves: Float32Array, base: Float32Array, body: number[]}} and by band 1/(π(1 − A_avg))
+ * @returns {{curves: Float32Array, base: Float32Array, body: number[]}} and by band its share over π(1 − A_avg)
  */
 export function paint(table, look, shown) {
   const { nodes } = table;
@@ -166,7 +167,8 @@ export function paint(table, look, shown) {
   let body = [0, 0, 0];
   for (let band = 0; band < table.bands; band++) {
     const of = shares(table, band, look);
-    base.set(of.base, 3 * band);
+    const weight = table.arrays.rgb_weights.data.subarray(3 * band, 3 * band + 3);
+    base.set(of.base.map((value, c) => weight[c] * value), 3 * band);
     if (band === 0) {
       // Samples are those of the recipe's thicknesses.
       curves.set(chances(table, look, shown, look.thickness === 1 ? of : shares(table, 0, { ...look, thickness: 1 })));
@@ -178,9 +180,10 @@ export function paint(table, look, shown) {
       curves[from + 4 * (nodes + k) + 3] = table.arrays.mirror.data[band * nodes + k];
       for (let c = 0; c < 3; c++) {
         const at = c * nodes + k;
-        curves[from + 4 * k + c] = look.brightness * (1 + look.coherence * (of.tint[c] * of.modulation[at] - 1));
-        curves[from + 4 * (nodes + k) + c] = of.rest[at];
-        curves[from + 4 * (2 * nodes + k) + c] = of.limit[at];
+        const limit = of.limit[at];
+        const colour = look.brightness * (1 + look.coherence * (of.tint[c] * of.modulation[at] - 1));
+        curves[from + 4 * k + c] = weight[c] * colour * (table.reciprocal ? limit : 1);
+        curves[from + 4 * (nodes + k) + c] = table.reciprocal || limit === 1 ? of.rest[at] : limit - 1;
       }
     }
   }

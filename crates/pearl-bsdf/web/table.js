@@ -104,26 +104,42 @@ function resampled(curves, nodes) {
  */
 
 /**
- * The numbers that the shaders gather: records of four (spans, widths, span curves, cells), and pairs for sampling the
+ * The numbers that the shaders gather: records (spans, widths, span curves, cells), and pairs for sampling the
  * first band (cumulative and guide; totals).
  * @param {Table} table
  * @returns {{records: Float32Array, pairs: Float32Array, offsets: Offsets}}
  */
 export function pack(table) {
   const { arrays, bands, incidences, rows, columns, spans, steps } = table;
-  const alongCount = bands * spans * (steps + 1);
-  const offsets = { spans: 0, widths: spans, along: spans + bands * spans, cells: 0, rowCumulative: 0, rowTotal: 0, total: 0 };
-  offsets.cells = offsets.along + alongCount;
-  const records = new Float32Array(4 * padded(offsets.cells + bands * incidences * rows * columns));
+  // Two bands lie in a texel.
+  const [texels, widthTexels] = [Math.floor(bands / 2) + 1, Math.ceil(bands / 2)];
+  const offsets = { spans: 0, widths: spans, along: spans + widthTexels * spans, cells: 0, rowCumulative: 0, rowTotal: 0, total: 0 };
+  offsets.cells = offsets.along + texels * spans * (steps + 1);
+  const records = new Float32Array(4 * padded(offsets.cells + texels * incidences * rows * columns));
   for (let span = 0; span < spans; span++) {
     const start = arrays.span_start.data[span];
     records.set([start, 1 / (arrays.span_start.data[span + 1] - start), ...arrays.span_node.data.subarray(2 * span, 2 * span + 2)], 4 * span);
   }
-  for (let i = 0; i < bands * spans; i++) {
-    records.set(arrays.azimuth_width.data.subarray(2 * i, 2 * i + 2), 4 * (offsets.widths + i));
+  const copy = (/** @type {Float32Array} */ data, /** @type {number} */ from, /** @type {number} */ to) => {
+    records[to] = data[from];
+    records[to + 1] = data[from + 1];
+  };
+  for (let band = 0; band < bands; band++) {
+    for (let span = 0; span < spans; span++) {
+      copy(arrays.azimuth_width.data, 2 * (band * spans + span), 4 * (offsets.widths + widthTexels * span) + 2 * band);
+    }
   }
-  records.set(arrays.span_curves.data, 4 * offsets.along);
-  records.set(arrays.cells.data, 4 * offsets.cells);
+  // Interior and rehit of each band, then what is sampled by the first.
+  const interleave = (/** @type {Float32Array} */ data, /** @type {number} */ at) => {
+    const count = data.length / 4 / bands;
+    for (let i = 0; i < count; i++) {
+      const to = 4 * (at + texels * i);
+      for (let band = 0; band < bands; band++) copy(data, 4 * (band * count + i), to + 2 * band);
+      copy(data, 4 * i + 2, to + 2 * bands);
+    }
+  };
+  interleave(arrays.span_curves.data, offsets.along);
+  interleave(arrays.cells.data, offsets.cells);
 
   const inRows = 2 * incidences * rows;
   offsets.rowCumulative = inRows * columns;

@@ -133,7 +133,7 @@ class PearlMaterial extends THREE.MeshStandardMaterial {
     this.samples = SAMPLES;
     this.uniforms = {};
     table.textures ??= texturesOf(table);
-    const { slope_sd, index_ratio, rgb_weights } = table.arrays;
+    const { slope_sd, index_ratio } = table.arrays;
     const { offsets, records, pairs } = table.textures;
     this.put({
       uRecords: records, uPairs: pairs,
@@ -142,7 +142,7 @@ class PearlMaterial extends THREE.MeshStandardMaterial {
       uGrid: [table.incidences, table.rows, table.columns, table.spans],
       uSteps: table.steps, uNodes: table.nodes, uAxis: [table.cellWidth, table.capRadius],
       uFacets: [...slope_sd.data].flatMap((sigma, band) => [sigma, index_ratio.data[band]]),
-      uWeights: [...rgb_weights.data], uShown: [1, 1, 1, 1],
+      uShown: [1, 1, 1, 1],
     });
     this.setLook(look);
   }

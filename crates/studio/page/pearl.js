@@ -47,14 +47,14 @@ export class Pearl {
       uPairs: texture(gl, 2, PACKED_WIDTH, pairs.length / 2 / PACKED_WIDTH, pairs),
       uCurves: null,
     };
-    const { slope_sd, index_ratio, rgb_weights } = table.arrays;
+    const { slope_sd, index_ratio } = table.arrays;
     const facets = [...slope_sd.data].flatMap((sigma, band) => [sigma, index_ratio.data[band]]);
     this.values = {
       uRecordStart: [offsets.spans, offsets.widths, offsets.along, offsets.cells],
       uPairStart: [offsets.rowCumulative, offsets.rowTotal, offsets.total, 0],
       uGrid: [table.incidences, table.rows, table.columns, table.spans],
       uSteps: table.steps, uNodes: table.nodes, uAxis: [table.cellWidth, table.capRadius],
-      uFacets: facets, uWeights: rgb_weights.data,
+      uFacets: facets,
     };
     this.paint(this.look, this.shown);
   }

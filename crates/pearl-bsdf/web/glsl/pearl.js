@@ -3,6 +3,8 @@
  * (crates/python/nacre/mitsuba/lobes.py): grazing angles are carried as elevations, so that they keep their digits.
  *
  * Macros: SPACE, RECIPROCAL, VISIBLE (0 or 1), BANDS (a number).
+ *
+ * Loops that run at least once have their condition at the end: where it comes first, SwiftShader runs the body once more.
  */
 export const PEARL = `
 uniform highp sampler2D uRecords;  // spans, azimuth widths, span curves, cells
@@ -15,16 +17,19 @@ uniform int uSteps;                // of a span
 uniform int uNodes;                // of a curve
 uniform vec2 uAxis;                // cell width, cap radius
 uniform vec2 uFacets[BANDS];       // slope_sd, index_ratio
-uniform vec3 uWeights[BANDS];      // share of each band in red, green, blue
-uniform vec3 uBase[BANDS];         // 1/(π(1 − A_avg))
+uniform vec3 uBase[BANDS];         // share of the band over π(1 − A_avg)
 uniform vec3 uBody;
 uniform float uDepth;
 uniform vec4 uShown;               // diffuse, incoherent, mirror, blur
 
 const float POLE = 1e-7;
+// Of cells and of span curves: pairs (interior, rehit) of each band, then what is sampled by the first; two in a texel.
+const int TEXELS = BANDS / 2 + 1;
+const int LAST = BANDS / 2;
 
 vec4 record(int i) { return texelFetch(uRecords, ivec2(i & 2047, i >> 11), 0); }
 vec2 pair(int i) { return texelFetch(uPairs, ivec2(i & 2047, i >> 11), 0).xy; }
+vec2 sampledOf(vec4 last) { return BANDS % 2 == 1 ? last.zw : last.xy; }
 
 // ---- Directions -------------------------------------------------------------------------------------------------------------
 
@@ -83,6 +88,15 @@ vec4 curve(int row, Place at) {
   return mix(texelFetch(uCurves, ivec2(at.node, row), 0), texelFetch(uCurves, ivec2(at.node + 1, row), 0), at.t);
 }
 
+struct Rest { vec3 base, limit; float mirror; };
+
+// What the lobes leave, where they leave something; else their limit less 1, in the same numbers.
+Rest restOf(int row, Place at) {
+  vec4 a = texelFetch(uCurves, ivec2(at.node, row), 0), b = texelFetch(uCurves, ivec2(at.node + 1, row), 0);
+  vec4 left = mix(max(a, 0.0), max(b, 0.0), at.t);
+  return Rest(left.rgb, 1.0 + mix(min(a.rgb, 0.0), min(b.rgb, 0.0), at.t), left.a);
+}
+
 // ---- The tabulated lobes ----------------------------------------------------------------------------------------------------
 
 struct Incidence {
@@ -96,10 +110,10 @@ struct Incidence {
 
 Incidence incidenceOf(Polar polar) {
   int low = 0, high = uGrid.w - 1;
-  for (int n = 0; n < 12 && low < high; n++) {
+  do {
     int middle = (low + high + 1) >> 1;
     if (record(uRecordStart.x + middle).x <= polar.theta) low = middle; else high = middle - 1;
-  }
+  } while (low < high);
   vec4 span = record(uRecordStart.x + low);
   float t = clamp((polar.theta - span.x) * span.y, 0.0, 1.0);
   float w = uAxis.x;
@@ -116,12 +130,12 @@ Incidence incidenceOf(Polar polar) {
   return Incidence(polar, low, t, ivec2(span.zw), room, gain);
 }
 
-// Interior and rehit as read over their albedo, and their shares in the cap.
-vec4 along(int band, Incidence at) {
+// Of two bands, interior and rehit as read over their albedo; or their shares in the cap.
+vec4 along(int texel, Incidence at) {
   float step = at.t * float(uSteps);
   int i = min(int(step), uSteps - 1);
-  int first = uRecordStart.z + (band * uGrid.w + at.span) * (uSteps + 1) + i;
-  return mix(record(first), record(first + 1), step - float(i));
+  int first = uRecordStart.z + (at.span * (uSteps + 1) + i) * TEXELS + texel;
+  return mix(record(first), record(first + TEXELS), step - float(i));
 }
 
 // Position of a column relative to the first, in cells, and positions per radian there.
@@ -146,20 +160,24 @@ Cell cellOf(float position, int cells) {
   return Cell(index, x - float(index));
 }
 
-int cellsOf(int band, int node, int row) { return uRecordStart.w + ((band * uGrid.x + node) * uGrid.y + row) * uGrid.z; }
+int texelOf(int texel, int node, int row, int column) {
+  return uRecordStart.w + ((node * uGrid.y + row) * uGrid.z + column) * TEXELS + texel;
+}
 
-// Values and densities of both lobes between two cells and two incidences.
-vec4 cellsAt(int band, Incidence at, int row, Cell cell) {
-  int near = cellsOf(band, at.nodes.x, row) + cell.index, far = cellsOf(band, at.nodes.y, row) + cell.index;
-  return mix(mix(record(near), record(near + 1), cell.t), mix(record(far), record(far + 1), cell.t), at.t);
+// Between two cells and two incidences.
+vec4 cellsAt(int texel, Incidence at, int row, Cell cell) {
+  int near = texelOf(texel, at.nodes.x, row, cell.index), far = texelOf(texel, at.nodes.y, row, cell.index);
+  return mix(mix(record(near), record(near + TEXELS), cell.t), mix(record(far), record(far + TEXELS), cell.t), at.t);
 }
 
 #if SPACE
 float phiWidth(Incidence at) { vec2 e = turned(max(at.room, 1e-7)); return uAxis.x * e.y / e.x; }
 #else
-float concentration(int band, Incidence at) {
-  vec2 widths = record(uRecordStart.y + band * uGrid.w + at.span).xy;
-  return at.polar.s / square(mix(widths.x, widths.y, at.t));
+// Of two bands, how narrow the azimuths are.
+vec2 concentration(int texel, Incidence at) {
+  vec4 widths = record(uRecordStart.y + at.span * ((BANDS + 1) / 2) + texel);
+  vec2 width = mix(widths.xz, widths.yw, at.t);
+  return at.polar.s / (width * width);
 }
 
 // 1 − e^{−z}
@@ -223,21 +241,34 @@ Exit exitOf(Incidence at, Polar polar, float y2) {
 #endif
 }
 
-struct Read { vec2 light; vec2 density; };
-
-// Interior and rehit without colour, f·cos θo in 1/sr; and their densities per steradian (of the first band).
-Read readLobes(int band, Incidence at, Exit e, vec4 alongs) {
 #if SPACE
-  vec4 cells = mix(cellsAt(band, at, e.row.index, e.column), cellsAt(band, at, e.row.index + 1, e.column), e.row.t);
-  vec2 density = cells.zw * (0.5 * e.perAngles);
-  vec2 light = cells.xy;
-#else
-  float x = concentration(band, at) * e.polar.s;
-  vec4 ahead = cellsAt(band, at, 0, e.ahead), back = cellsAt(band, at, 0, e.back);
-  vec2 light = mix(back.xy, ahead.xy, decay(x, e.y2));
-  vec2 density = ahead.zw * (e.perAngle.x * forwardDensity(forwardOf(x), e.y2)) + back.zw * (e.perAngle.y / (2.0 * PI));
+vec4 cellsAt(int texel, Incidence at, Exit e) {
+  return mix(cellsAt(texel, at, e.row.index, e.column), cellsAt(texel, at, e.row.index + 1, e.column), e.row.t);
+}
 #endif
-  return Read(light / alongs.xy, density / max(e.polar.s, POLE));
+
+// Of two bands, interior and rehit without colour, f·cos θo in 1/sr.
+vec4 lightOf(int texel, Incidence at, Exit e) {
+#if SPACE
+  vec4 light = cellsAt(texel, at, e);
+#else
+  vec2 x = concentration(texel, at) * e.polar.s;
+  vec2 share = vec2(decay(x.x, e.y2), decay(x.y, e.y2));
+  vec4 light = mix(cellsAt(texel, at, 0, e.back), cellsAt(texel, at, 0, e.ahead), share.xxyy);
+#endif
+  return light / along(texel, at);
+}
+
+// Densities of interior and rehit per steradian.
+vec2 densityOf(Incidence at, Exit e) {
+#if SPACE
+  vec2 density = sampledOf(cellsAt(LAST, at, e)) * (0.5 * e.perAngles);
+#else
+  float x = concentration(0, at).x * e.polar.s;
+  vec2 ahead = sampledOf(cellsAt(LAST, at, 0, e.ahead)), back = sampledOf(cellsAt(LAST, at, 0, e.back));
+  vec2 density = ahead * (e.perAngle.x * forwardDensity(forwardOf(x), e.y2)) + back * (e.perAngle.y / (2.0 * PI));
+#endif
+  return density / max(e.polar.s, POLE);
 }
 
 vec2 totals(Incidence at) {
@@ -289,7 +320,7 @@ float singleDensity(Polar i, Facing f) {
 struct Viewed {
   Incidence at;
   Place place;
-  vec4 alongs;        // of the first band
+  vec2 inCap;         // shares of the sampled light in it
   vec2 totals;
   vec4 chances;       // interior, rehit, single, base
 };
@@ -301,7 +332,7 @@ Viewed viewedFrom(vec3 wi) {
   vec2 sums = totals(at);
   vec4 chances = curve(0, place);
   chances.xy *= step(vec2(TINY), sums);
-  return Viewed(at, place, along(0, at), sums, chances);
+  return Viewed(at, place, sampledOf(along(LAST, at)), sums, chances);
 }
 
 struct Value {
@@ -314,43 +345,43 @@ Value evaluate(Viewed v, vec3 wo) {
   Facing f = facingOf(i, o);
   Exit e = exitOf(v.at, o, f.y2);
   Place atO = placeOf(o), atD = placeOf(f.c);
+  Incidence at = v.at;
+  Exit there = e;
+  float turnedRound = 1.0;
 #if RECIPROCAL
   // The lobes are read at the larger of the two angles.
-  bool swapped = o.c < i.c;
-  Incidence larger = v.at;
-  Exit other = e;
-  if (swapped) { larger = incidenceOf(o); other = exitOf(larger, i, f.y2); }
+  if (o.c < i.c) { at = incidenceOf(o); there = exitOf(at, i, f.y2); turnedRound = o.c / i.c; }
 #endif
   vec3 emission = curve(1, v.place).rgb;
   vec3 coloured = uDepth * emission;
   vec3 body = uBody / max(uBody * (1.0 - uDepth + coloured), vec3(1.0));
   Value value = Value(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0);
-  vec2 density = vec2(0.0);
-  for (int band = 0; band < BANDS; band++) {
-    int rows = 2 + 3 * band;
-    Read found = readLobes(band, v.at, e, band == 0 ? v.alongs : along(band, v.at));
-    if (band == 0) density = found.density;
-    vec2 light = found.light;
-    vec4 rest = curve(rows + 1, v.place), restO = curve(rows + 1, atO);
-    float reflected = single(f, uFacets[band]) * rest.a;
+  vec3 base = vec3(0.0);
+  int band = 0;
+  do {
+    vec4 light = turnedRound * lightOf(band / 2, at, there);
+    int end = min(band + 2, BANDS);
+    do {
+      Rest rest = restOf(3 + 2 * band, v.place), restO = restOf(3 + 2 * band, atO);
+      float reflected = single(f, uFacets[band]) * rest.mirror;
 #if RECIPROCAL
-    if (swapped) light = readLobes(band, larger, other, along(band, larger)).light * (o.c / i.c);
-    reflected *= restO.a * o.c;
+      reflected *= restO.mirror * o.c;
 #endif
-    vec3 base = uWeights[band] * uBase[band] * rest.rgb * restO.rgb * (body * o.c);
-    vec3 colour = uWeights[band] * curve(rows, atD).rgb * curve(rows + 2, v.place).rgb;
-    value.diffuse += base * (1.0 - uDepth);
-    value.incoherent += base * coloured;
-    value.mirror += colour * (reflected + light.y);
-    value.blur += colour * light.x;
-  }
-  value.diffuse = max(value.diffuse, 0.0);
-  value.incoherent = max(value.incoherent, 0.0);
+      base += uBase[band] * rest.base * restO.base;
+      vec3 colour = curve(2 + 2 * band, atD).rgb * rest.limit;
+      value.mirror += colour * (reflected + light.y);
+      value.blur += colour * light.x;
+      light = light.zwxy;
+    } while (++band < end);
+  } while (band < BANDS);
+  base *= body * o.c;
+  value.diffuse = max(base * (1.0 - uDepth), 0.0);
+  value.incoherent = max(base * coloured, 0.0);
   value.mirror = max(value.mirror, 0.0);
   value.blur = max(value.blur, 0.0);
-  density /= max(v.totals, TINY);
+  vec2 density = densityOf(v.at, e) / max(v.totals, TINY);
   float cap = uAxis.y;
-  if (o.s < turned(cap).y) density = v.alongs.zw / (4.0 * PI * square(turned(0.5 * cap).y));
+  if (o.s < turned(cap).y) density = v.inCap / (4.0 * PI * square(turned(0.5 * cap).y));
   value.pdf = dot(v.chances, vec4(density, singleDensity(i, f), o.c / PI));
   return value;
 }
@@ -361,7 +392,7 @@ vec3 shownOf(Value v) {
 
 // ---- Sampling ---------------------------------------------------------------------------------------------------------------
 
-float densityOfCell(int cell, int lobe) { vec4 r = record(cell); return lobe == 0 ? r.z : r.w; }
+float densityOfCell(int cell, int lobe) { vec2 r = sampledOf(record(cell)); return lobe == 0 ? r.x : r.y; }
 
 // The position where the integral of a piecewise linear density reaches a share of its total. \`from\`: of the cumulative;
 // densities: of the cells of a row (rows == false), or of the rows' totals.
@@ -376,8 +407,8 @@ float positionOf(int from, int densities, bool rows, int count, float share, flo
     k++;
   }
   int low = max(k - 1, 0), high = min(k, count - 1);
-  float a = rows ? pair(densities + low).x : densityOfCell(densities + low, lobe);
-  float b = rows ? pair(densities + high).x : densityOfCell(densities + high, lobe);
+  float a = rows ? pair(densities + low).x : densityOfCell(densities + low * TEXELS, lobe);
+  float b = rows ? pair(densities + high).x : densityOfCell(densities + high * TEXELS, lobe);
   float rest = max(target - before, 0.0);
   float t = 2.0 * rest / max(a + root(a * a + 2.0 * (b - a) * rest), TINY);
   return (k == 0 ? 0.0 : float(k) - 0.5) + min(t, 1.0);
@@ -408,14 +439,14 @@ vec3 sampleLobe(int lobe, Incidence at, float select, float u, float v) {
   far = cell.t * pair(uPairStart.y + row + cell.index + 1).x;
   inTable = cell.index + (second(select, near / max(near + far, TINY)) ? 1 : 0);
 #endif
-  int cumulative = (row + inTable) * uGrid.z, cells = cellsOf(0, node, inTable);
+  int cumulative = (row + inTable) * uGrid.z, cells = texelOf(LAST, node, inTable, 0);
   float total = pair(uPairStart.y + row + inTable).x;
   float position = positionOf(cumulative, cells, false, uGrid.z, u, total, lobe);
 #if SPACE
   // A share of the row's part within the cap.
   float edgeAt = columnAt(at, cap - HALF_PI + at.room).x;
   Cell edge = cellOf(edgeAt, uGrid.z);
-  float a = densityOfCell(cells + edge.index, lobe), b = densityOfCell(cells + edge.index + 1, lobe);
+  float a = densityOfCell(cells + edge.index * TEXELS, lobe), b = densityOfCell(cells + (edge.index + 1) * TEXELS, lobe);
   float within = edgeAt < 0.5 ? edgeAt * a : pair(cumulative + edge.index).x + edge.t * (a + 0.5 * edge.t * (b - a));
   area = clamp(u * total / max(within, TINY), 0.0, 1.0);
   turn = select;
@@ -424,7 +455,7 @@ vec3 sampleLobe(int lobe, Incidence at, float select, float u, float v) {
   float elevation = clamp(at.room - offsetOf(at, position), 0.0, SPACE == 1 ? HALF_PI : PI);
   vec2 exit = turned(elevation).yx;
 #if !SPACE
-  phi = exit.y >= 0.0 ? forwardSample(forwardOf(concentration(0, at) * max(exit.y, 0.0)), v) : PI * (2.0 * v - 1.0);
+  phi = exit.y >= 0.0 ? forwardSample(forwardOf(concentration(0, at).x * max(exit.y, 0.0)), v) : PI * (2.0 * v - 1.0);
   exit.y = abs(exit.y);
 #endif
   if (exit.y < turned(cap).y && exit.x > 0.0) {

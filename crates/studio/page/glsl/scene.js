@@ -48,27 +48,29 @@ struct Hit { int kind; float t; vec3 normal, outside; vec3 radiance; int light; 
 float noise(vec3 p) {
   vec3 i = floor(p), f = p - i;
   f = f * f * (3.0 - 2.0 * f);
-  vec4 low, high;
-  for (int k = 0; k < 8; k++) {
-    ivec3 c = ivec3(i) + ivec3(k & 1, (k >> 1) & 1, k >> 2);
-    float h = float(hashed(uint(c.x) ^ hashed(uint(c.y) ^ hashed(uint(c.z)))) >> 8u) * 5.96e-8;
-    if (k < 4) low[k] = h; else high[k - 4] = h;
-  }
-  vec4 z = mix(low, high, f.z);
-  return mix(mix(z.x, z.y, f.x), mix(z.z, z.w, f.x), f.y);
+  float sum = 0.0;
+  int k = 0;
+  do {
+    ivec3 corner = ivec3(k & 1, (k >> 1) & 1, k >> 2), c = ivec3(i) + corner;
+    vec3 near = mix(1.0 - f, f, vec3(corner));
+    sum += near.x * near.y * near.z * float(hashed(uint(c.x) ^ hashed(uint(c.y) ^ hashed(uint(c.z)))) >> 8u) * 5.96e-8;
+  } while (++k < 8);
+  return sum;
 }
 
 // Grain: a bump of the surface, from the size of a pore to that of a dimple.
 vec3 grained(vec3 n, vec3 p) {
   if (uGrain <= 0.0) return n;
   vec3 slope = vec3(0.0);
-  for (int octave = 0; octave < 2; octave++) {
-    float scale = octave == 0 ? 9.0 : 38.0, e = 0.02;
-    vec3 q = p * scale;
-    float at = noise(q);
-    vec3 rise = vec3(noise(q + vec3(e, 0, 0)), noise(q + vec3(0, e, 0)), noise(q + vec3(0, 0, e))) - at;
-    slope += rise / e * (octave == 0 ? 0.10 : 0.06);
-  }
+  float at = 0.0, e = 0.02;
+  int k = 0;
+  do {
+    // Two octaves, each there and along three axes.
+    vec3 axis = vec3(equal(ivec3(k & 3), ivec3(1, 2, 3)));
+    float height = noise(p * (k < 4 ? 9.0 : 38.0) + e * axis);
+    if ((k & 3) == 0) at = height;
+    slope += axis * ((height - at) / e * (k < 4 ? 0.10 : 0.06));
+  } while (++k < 8);
   slope -= n * dot(n, slope);
   return normalize(n - uGrain * slope);
 }
@@ -159,8 +161,8 @@ Hit meet(vec3 o, vec3 d, float far, bool shapes, int lamps) {
   Hit hit = Hit(NOTHING, far, vec3(0.0), vec3(0.0), vec3(0.0), -1);
   if (shapes) {
 #if SHAPE == 0
-    for (int k = 0; k < MOST_SPHERES; k++) {
-      if (k >= uSphereCount) break;
+    int k = 0;
+    do {
       vec3 c = o - uSpheres[k].xyz;
       float r = uSpheres[k].w, b = dot(c, d);
       // From what is left across the ray: nothing cancels.
@@ -172,7 +174,7 @@ Hit meet(vec3 o, vec3 d, float far, bool shapes, int lamps) {
         vec3 n = normalize(c + t * d);
         hit = Hit(PEARL, t, n, n, vec3(0.0), k);
       }
-    }
+    } while (++k < uSphereCount);
 #elif SHAPE == 1
     vec3 plane = normalize(vec3(0.0, -0.5, 1.0));
     float t = -dot(o, plane) / dot(d, plane);

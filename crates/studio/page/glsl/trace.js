@@ -152,7 +152,8 @@ void main() {
   vec4 exit = texelFetch(uExit, at, 0), shadow = texelFetch(uShadow, at, 0), light = texelFetch(uLight, at, 0);
   Viewed viewed;
   if (kind == PEARL) viewed = viewedFrom(normalize(vec3(-dot(d, x), -dot(d, y), -dot(d, n))));
-  for (int way = 0; way < 2; way++) {
+  int way = 0;
+  do {
     vec3 wo = way == 0 ? vec3(dot(shadow.xyz, x), dot(shadow.xyz, y), dot(shadow.xyz, n)) : exit.xyz;
     if (wo.z <= 0.0 || (way == 0 && shadow.w <= 0.0)) continue;
     wo = normalize(wo);
@@ -174,7 +175,7 @@ void main() {
         oThroughput = vec4(next, 1.0);
       }
     }
-  }
+  } while (++way < 2);
   float most = max(oThroughput.x, max(oThroughput.y, oThroughput.z));
   if (uVertex > 0 && most < 0.5 && most > 0.0) {
     // Russian roulette.
