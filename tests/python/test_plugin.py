@@ -209,6 +209,53 @@ def test_a_dispersed_table_shows_all_its_bands(variant, dispersed):
     assert np.ptp(own) > 0.01 * own.max(), "a table whose bands are alike would tell nothing"
 
 
+def test_broad_facets_reach_every_limit(folder):
+    """Slopes so wide that the horizon cuts them on all sides, also in what is sampled: the density of samples integrates to one."""
+    llvm.use("llvm_ad_rgb")
+    recipe, path = folder / "broad.json", folder / "broad.exr"
+    recipe.write_text(json.dumps({"schema": "pearl-recipe/1", "facets": {"slope_sd_deg": 20}, "look": {"depth": 0, "coherence": 0}}))
+    run("bake-brdf", recipe, "--solver", "doubling", "--accuracy", 5, "-q", "-o", path)
+    wi, wo = random_pairs(2000)
+    values, densities, _ = rust(path, wi, wo, "--body-rgb", "0.7,0.7,0.7")
+    bsdf = load(path, body_color=rgb(GREY))
+    found, pdf = plugin(bsdf, wi, wo)
+    assert_close(found[:, 1], values["rgb"][:, 1], "broad facets")
+    assert_close(pdf, densities, "broad facets pdf")
+    mirror = load(path, components="mirror", body_color=rgb(GREY))
+    z, phi = np.random.default_rng(4).random((2, 400_000))
+    sin = np.sqrt(1 - z * z)
+    wo = np.stack([sin * np.cos(2 * np.pi * phi), sin * np.sin(2 * np.pi * phi), z], axis=1).astype(np.float32)
+    for angle in (0, 60):
+        sample, weight = draws(mirror, angle)
+        _, density = plugin(mirror, np.tile(np.float32([np.sin(np.radians(angle)), 0, np.cos(np.radians(angle))]), (len(wo), 1)), wo)
+        above = np.mean(np.array(sample.pdf) > 0)
+        print(f"{angle}°: {above:.5f} of the samples are directions, the density integrates to {2 * np.pi * density.mean():.4f}")
+        assert above > 0.999 and abs(2 * np.pi * density.mean() - 1) < 0.01
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_rgb"])
+@pytest.mark.parametrize("rows, count", [(1, 3), (1, 128), (1, 129), (1, 700), (7, 1), (7, 4), (7, 5), (7, 24), (7, 25), (7, 108)])
+def test_a_search_finds_what_numpy_finds(variant, rows, count):
+    from nacre.mitsuba.store import Search, Types
+
+    llvm.use(variant)
+    types, random = Types(mi), np.random.default_rng(count)
+    # Numbers that single precision has, some of them twice.
+    numbers = np.sort(np.round(random.random((rows, count)) * 512) / 512, axis=1)
+    asked = np.concatenate([numbers.ravel(), numbers.ravel() + 1e-4, [-1.0, 2.0]])[:200]
+    row = random.integers(0, rows, len(asked))
+    search = Search(types, numbers, np.arange(4.0 * rows * count).reshape(-1, 4))
+    expected = np.array([np.searchsorted(numbers[r], np.float32(x), side="right") for r, x in zip(row, asked)])
+    if types.jit:
+        found = np.array(search.count(mi.Float(asked), mi.UInt32(row)))
+        record = np.array(search.records.read(mi.UInt32(row * count)))[0]
+    else:
+        found = np.array([search.count(float(np.float32(x)), int(r)) for r, x in zip(row, asked)])
+        record = np.array([search.records.read(int(r) * count)[0] for r in row])
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(record, 4.0 * row * count)
+
+
 def test_every_component_is_that_of_the_rust_evaluator(tables, reference):
     llvm.use("llvm_ad_rgb")
     wi, wo, values, _, parts = reference["decay"]
@@ -880,15 +927,49 @@ def test_a_change_of_one_pearls_table_reaches_no_other(variant, tables):
         np.testing.assert_array_equal(plugin(other, wi, wo)[0], before)
 
 
+def beads(table, count, **parameters):
+    """So many pearls, each of its own brightness."""
+    pearl = {"type": "pearl", "filename": str(table), **parameters}
+    return {f"bead {k}": {"type": "sphere", "center": [3 * k, 0, 0], "bsdf": {**pearl, "brightness": k / count}} for k in range(count)}
+
+
+def checks(dark, light):
+    return {"type": "checkerboard", "color0": rgb(dark), "color1": rgb(light)}
+
+
+BODIES = {"own body": {}, "body": {"body_color": rgb(GREY)}, "texture": {"body_color": checks([0.1, 0.2, 0.3], GREY)}}
+
+
 @pytest.mark.skipif(bool(LLVM_MISSING), reason=LLVM_MISSING or "")
-@pytest.mark.parametrize("body", [{}, {"body_color": rgb(GREY)}], ids=["own body", "body"])
+@pytest.mark.parametrize("body", BODIES)
 def test_hundreds_of_pearls_are_loaded_at_once(body, tables):
     """Mitsuba loads objects side by side; one that waits has the next one loaded within it."""
     llvm.use("llvm_ad_rgb")
-    pearl = {"type": "pearl", "filename": str(tables["decay"]), **body}
-    scene = {f"bead {k}": {"type": "sphere", "center": [3 * k, 0, 0], "bsdf": {**pearl, "brightness": k / 400}} for k in range(400)}
-    shapes = mi.load_dict({"type": "scene", **scene}).shapes()
-    assert sorted(round(400 * float(shape.bsdf().brightness[0])) for shape in shapes) == list(range(400))
+    shapes = mi.load_dict({"type": "scene", **beads(tables["decay"], 400, **BODIES[body])}).shapes()
+    found = {round(400 * float(shape.bsdf().brightness[0])): shape.bsdf() for shape in shapes}
+    assert sorted(found) == list(range(400))
+    wi, wo = random_pairs(20)
+    for k in (0, 200, 399):
+        expected = plugin(load(tables["decay"], brightness=k / 400, **BODIES[body]), wi, wo)
+        for value, of_lone in zip(plugin(found[k], wi, wo), expected, strict=True):
+            np.testing.assert_allclose(value, of_lone, rtol=1e-6)
+
+
+@pytest.mark.skipif(bool(LLVM_MISSING), reason=LLVM_MISSING or "")
+def test_one_bad_texture_among_many_is_refused(tables):
+    llvm.use("llvm_ad_rgb")
+    scene = beads(tables["decay"], 100, body_color=checks([0.1, 0.2, 0.3], GREY))
+    dark = mi.Bitmap(np.full((2, 2, 3), -0.1, np.float32))
+    scene["bead 57"]["bsdf"]["body_color"] = {"type": "bitmap", "bitmap": dark, "raw": True}
+    refused = r"(?s)PearlError: pearl: body_color: its mean is -0\.\d+; expected reflectances from 0 to 1"
+    # Twenty that wait within each other are all named.
+    few = {name: scene[name] for name in (f"bead {k}" for k in range(40, 60))}
+    for pearls, named in ((few, ()), (scene, ("parallel=False",))):
+        with pytest.raises(Exception, match=refused) as caught:
+            mi.load_dict({"type": "scene", **pearls})
+        assert any(name in str(caught.value) for name in ('"bead 57.bsdf"', *named)), str(caught.value)
+    # Nothing is left waiting.
+    assert load(tables["decay"], body_color=checks([0.1, 0.2, 0.3], GREY)).chances is not None
 
 
 def scaled_lut(bsdf, change):

@@ -1,5 +1,6 @@
 """The BSDF plugin `pearl`; docs/PLUGIN.md is its documentation."""
 
+import threading
 from pathlib import Path
 
 import drjit as dr
@@ -20,6 +21,10 @@ from .table import PearlError, Table
 _PI = float(np.pi)
 _INTERIOR, _REHIT, _SURFACE, _BASE = range(4)
 _DIFFUSE, _INCOHERENT, _MIRROR, _BLUR = range(4)
+
+#: By thread, how many pearls wait within each other, and the ends of those that are loaded within so many.
+_waiting = threading.local()
+_DEEPEST = 20
 
 _tables: dict = {}
 #: What `cache.table` gave and its Table, by the identity of the first (which the second keeps alive).
@@ -55,6 +60,31 @@ def bake_table(recipe, look):
     if id(stored) not in _baked:
         _baked[id(stored)] = stored, Table.of(stored, f"recipe {recipe.name}")
     return _baked[id(stored)][1]
+
+
+def _finish(pearl, finish):
+    """Finishes a pearl by reading its textures; a pearl that is loaded deep within others is finished by the innermost that waits.
+
+    Who asks Dr.Jit for numbers waits for them, and meanwhile Mitsuba, which loads many objects at once, loads the next one within this one.
+    If every one of a few hundred pearls waited, they would go deeper than Python goes.
+    """
+    depth = getattr(_waiting, "depth", 0)
+    if depth == _DEEPEST:
+        _waiting.others.append((pearl, finish))
+        return
+    _waiting.depth, _waiting.others = depth + 1, []
+    try:
+        finish()
+        while _waiting.others:
+            other, finish = _waiting.others.pop()
+            # Its variables are younger than those of the pearl that waited.
+            dr.detail.new_scope(dr.backend_v(pearl.types.Float))
+            try:
+                finish()
+            except PearlError as error:
+                raise PearlError(f"{error}; of {other.id()!r}, loaded within the pearl that is named: parallel=False names it") from None
+    finally:
+        _waiting.depth = depth
 
 
 def bsdf_class():
@@ -95,9 +125,18 @@ def _pearl(base):
             self.depth, self.brightness = number(controls.depth), number(controls.brightness)
             self.coherence, self.tint = number(controls.coherence), types.Color3f(controls.tint)
             self._take()
-            # From what is known already: who asks Dr.Jit for numbers waits for them, and Mitsuba, which loads many objects at once, loads
-            # the next one within this one meanwhile, and so on: a few hundred pearls went deeper than Python goes.
-            self._derive((controls.depth, controls.brightness, controls.coherence, controls.tint), scales)
+            plain = controls.depth, controls.brightness, controls.coherence, controls.tint
+
+            def finish():
+                if self.body_rgb is None:
+                    self._check_body()
+                # From what is known already.
+                self._derive(plain, scales)
+
+            if self.body_rgb is None or self.thickness_varies:
+                _finish(self, finish)
+            else:
+                finish()
 
         def _take(self):
             """What of the table alone is evaluated."""
@@ -135,8 +174,6 @@ def _pearl(base):
                 self.body = props.get_texture(name, 0.5)
             except RuntimeError:
                 raise PearlError(f"pearl: {name}: is no colour, spectrum or texture") from None
-            if self.body_rgb is None:
-                self._check_body()
 
         def _set_thickness(self, props, number):
             """A number, or a texture; gives what `_scales` does."""
@@ -301,18 +338,17 @@ def _pearl(base):
         def sample(self, ctx, si, sample1, sample2, active=True):
             types = self.types
             record = dr.zeros(types.BSDFSample3f)
-            active = active & _above(si.wi)
-            if not types.jit and not active:
+            lit = active & _above(si.wi)
+            if not types.jit and not lit:
                 return record, mi.depolarizer(types.UnpolarizedSpectrum(0.0))
-            wi = dr.select(active, si.wi, types.Vector3f(0.0, 0.0, 1.0))
+            wi = dr.select(lit, si.wi, types.Vector3f(0.0, 0.0, 1.0))
             polar = Polar.of(wi)
-            at = self.tabulated.incidence(polar, active)
-            chance = self._chances(ctx, polar, at, active)
+            at = self.tabulated.incidence(polar)
+            chance = self._chances(ctx, polar, at)
             total = chance[0] + chance[1] + chance[2] + chance[3]
-            active = active & (total > 0.0)
+            active = lit & (total > 0.0)
             part, select = self._choose(chance, sample1 * total)
-            lobe = part <= _REHIT
-            sin, cos, phi = self.tabulated.sample(part == _REHIT, at, select, sample2.x, sample2.y, active & lobe)
+            sin, cos, phi = self.tabulated.sample(part == _REHIT, at, select, sample2.x, sample2.y)
             wo = self._direction(polar, sin, cos, phi)
             reflected, upward = self.facets.sample(wi, polar, sample2.x, sample2.y)
             wo = dr.select(part == _SURFACE, reflected, wo)
@@ -322,7 +358,7 @@ def _pearl(base):
             active = active & (wo.z > 0.0)
             wo = dr.select(active, wo, types.Vector3f(0.0, 0.0, 1.0))
             pair = Pair.of(polar, Polar.of(wo))
-            value, pdf = self._value_and_density(ctx, si, pair, at, chance, active)
+            value, pdf = self._value_and_density(ctx, si, pair, at, chance, lit, active)
             active = active & (pdf > 0.0)
             record.wo, record.pdf, record.eta = wo, dr.select(active, pdf, 0.0), 1.0
             base = _DIFFUSE if self._enabled(ctx)[_DIFFUSE] else _INCOHERENT
@@ -362,22 +398,22 @@ def _pearl(base):
             normal = types.Vector3f(0.0, 0.0, 1.0)
             wi, wo = dr.select(lit, wi, normal), dr.select(active, wo, normal)
             pair = Pair.of(Polar.of(wi), Polar.of(wo))
-            at = self.tabulated.incidence(pair.incidence, lit)
-            chance = self._chances(ctx, pair.incidence, at, lit)
-            return self._value_and_density(ctx, si, pair, at, chance, active, want_value)
+            at = self.tabulated.incidence(pair.incidence)
+            chance = self._chances(ctx, pair.incidence, at)
+            return self._value_and_density(ctx, si, pair, at, chance, lit, active, want_value)
 
-        def _value_and_density(self, ctx, si, pair, at, chance, active, want_value=True):
+        def _value_and_density(self, ctx, si, pair, at, chance, lit, active, want_value=True):
             exit = self.tabulated.exit(at, pair.exit, pair.y2)
-            seen = at, exit, self.tabulated.read(at, exit, active)
+            seen = at, exit, self.tabulated.read(at, exit)
             pdf = dr.select(active, self._density(chance, pair, *seen), 0.0)
             if not want_value:
                 return None, pdf
             if ctx.mode == mi.TransportMode.Radiance:
-                value = self._shade(ctx, si, pair, seen, active)
+                value = self._shade(ctx, si, pair, seen, lit)
             else:
                 # Light is traced the other way through the same surface: f is that of the viewer at wo.
                 back = Pair.of(pair.exit, pair.incidence)
-                value = self._shade(ctx, si, back, self.layers[0].seen(back, active), active)
+                value = self._shade(ctx, si, back, self.layers[0].seen(back), lit)
                 value = value * (pair.exit.cos / dr.maximum(pair.incidence.cos, 1e-12))
             return dr.select(active, value, self.types.UnpolarizedSpectrum(0.0)), pdf
 
@@ -385,14 +421,15 @@ def _pearl(base):
             interior, rehit = self.tabulated.pdf(at, exit, cells)
             surface = self.facets.pdf(pair.incidence, pair.half)
             total = chance[0] + chance[1] + chance[2] + chance[3]
+            # Of the incidence alone: computed once for all directions.
+            scale = dr.select(total > 0.0, 1.0 / dr.maximum(total, 1e-12), 0.0)
             pdf = chance[_INTERIOR] * interior + chance[_REHIT] * rehit + chance[_SURFACE] * surface
-            pdf = pdf + chance[_BASE] * pair.exit.cos * (1.0 / _PI)
-            return dr.select(total > 0.0, pdf / dr.maximum(total, 1e-12), 0.0)
+            return scale * (pdf + chance[_BASE] * pair.exit.cos * (1.0 / _PI))
 
-        def _chances(self, ctx, polar, at, active):
+        def _chances(self, ctx, polar, at):
             """Weights of interior, rehit, surface, base; components that the context hides have none, nor have lobes without light."""
             index, fraction = self._place(polar.cos, polar.sin)
-            chance = self.chances.between(index, fraction, active)
+            chance = self.chances.between(index, fraction)
             diffuse, incoherent, mirror, blur = self._enabled(ctx)
             kept = [blur, mirror, mirror, diffuse or incoherent]
             chance = [weight * float(keep) for weight, keep in zip(chance, kept)]
@@ -403,14 +440,14 @@ def _pearl(base):
         def _choose(self, chance, rest):
             """The part that a share of the weights' sum falls on, and what is left of the random number."""
             types = self.types
-            part, select = types.UInt32(_BASE), types.Float(0.0)
+            part, left = types.UInt32(_BASE), types.Float(0.0)
             below = types.Float(0.0)
             chosen = types.Bool(False)
+            of = types.Float(1.0)
             for k, weight in enumerate(chance):
                 here = (rest < below + weight) & (weight > 0.0) & (chosen == False)  # noqa: E712 (scalar masks are bool)
                 part = dr.select(here, types.UInt32(k), part)
-                left = (rest - below) / dr.select(weight > 0.0, weight, 1.0)
-                select = dr.select(here, left, select)
+                left, of = dr.select(here, rest - below, left), dr.select(here, weight, of)
                 chosen = chosen | here
                 below = below + weight
             # A random number so near to 1 that rounding passed the last part falls on the likeliest.
@@ -418,7 +455,7 @@ def _pearl(base):
             for k in (1, 2, 3):
                 likeliest = dr.select(chance[k] > most, types.UInt32(k), likeliest)
                 most = dr.maximum(most, chance[k])
-            return dr.select(chosen, part, likeliest), dr.clip(dr.select(chosen, select, 1.0), 0.0, 1.0 - 6e-8)
+            return dr.select(chosen, part, likeliest), dr.clip(dr.select(chosen, left / of, 1.0), 0.0, 1.0 - 6e-8)
 
         def _direction(self, polar, sin, cos, phi):
             """The direction at θo and at azimuth φ from the mirror direction of wi."""
@@ -459,14 +496,14 @@ def _pearl(base):
                 body = [body[0]] * 3
 
             def parts(layer, seen):
-                mirror, blur = layer.lobes(pair, seen, places, active)
+                mirror, blur = layer.lobes(pair, seen, places)
                 mirror, blur = mirror * show_mirror, blur * show_blur
-                coloured = layer.colours.shade(light, places, body, wavelengths, active, thickness)
+                coloured = layer.colours.shade(light, places, body, wavelengths, thickness)
                 return [(factor * mirror, factor * blur, *base) for factor, *base in coloured]
 
             found = parts(self.layers[0], seen)
             if several:
-                further = (parts(layer, layer.seen(pair, active)) for layer in self.layers[1:])
+                further = (parts(layer, layer.seen(pair)) for layer in self.layers[1:])
                 found = self._mixed([found, *further], wavelengths)
             values = [mirror + blur + base + coloured for mirror, blur, base, coloured in found]
             if types.mono and several:

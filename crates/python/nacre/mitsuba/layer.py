@@ -56,26 +56,26 @@ class Layer:
         """Takes what was derived, evaluated."""
         self.colours = self.painter(self.types, derived, limited, self.channel_nm, self.means)
 
-    def seen(self, pair, active):
+    def seen(self, pair):
         """Where a pair lies in the table: what `lobes` asks for."""
-        at = self.tabulated.incidence(pair.incidence, active)
+        at = self.tabulated.incidence(pair.incidence)
         exit = self.tabulated.exit(at, pair.exit, pair.y2)
-        return at, exit, self.tabulated.read(at, exit, active)
+        return at, exit, self.tabulated.read(at, exit)
 
-    def lobes(self, pair, seen, places, active):
+    def lobes(self, pair, seen, places):
         """f·cos θo of mirror and blur short of their colour."""
         interior, rehit = self.tabulated.eval(*seen)
-        scale = self.mirror_scale.between(*places[0], active)[0]
+        scale = self.mirror_scale.between(*places[0])[0]
         if self.reciprocal:
-            scale = scale * self.mirror_scale.between(*places[1], active)[0] * pair.exit.cos
-            interior, rehit = self._at_larger_angle(pair, (interior, rehit), active)
+            scale = scale * self.mirror_scale.between(*places[1])[0] * pair.exit.cos
+            interior, rehit = self._at_larger_angle(pair, (interior, rehit))
         return rehit + self.facets.eval(pair.half) * scale, interior
 
-    def _at_larger_angle(self, pair, light, active):
+    def _at_larger_angle(self, pair, light):
         """Interior and rehit of a reciprocal table, given as they are read at the incidence."""
-        larger = self.tabulated.incidence(pair.exit, active)
+        larger = self.tabulated.incidence(pair.exit)
         exit = self.tabulated.exit(larger, pair.incidence, pair.y2)
-        back = self.tabulated.eval(larger, exit, self.tabulated.read(larger, exit, active))
+        back = self.tabulated.eval(larger, exit, self.tabulated.read(larger, exit))
         taken_over = pair.exit.cos / dr.maximum(pair.incidence.cos, 1e-12)
         swap = pair.exit.cos < pair.incidence.cos
         return [dr.select(swap, b * taken_over, a) for a, b in zip(light, back)]

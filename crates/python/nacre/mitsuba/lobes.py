@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
+from .store import Search
+
 _PI = float(np.pi)
 _HALF_PI = 0.5 * _PI
 _TINY = 1e-30
@@ -117,6 +119,8 @@ class Facets:
 
     def __init__(self, arrays):
         self.sigma, self.ratio, self.visible = (float(arrays[name].flat[0]) for name in ("slope_sd", "index_ratio", "visible"))
+        # In single precision no slope is drawn beyond 5.5σ: of narrow facets the only limit within that is the upper one along p.
+        self.narrow = self.sigma <= 0.1
 
     def _slopes(self, half):
         x = (half.p2 + half.q2) * (0.5 / self.sigma**2)
@@ -125,56 +129,68 @@ class Facets:
     def fresnel(self, cos):
         """Unpolarised reflectance at the cosine of the local angle of incidence."""
         ratio = self.ratio
-        cos_t2 = 1.0 - (1.0 - cos * cos) / (ratio * ratio)
+        cos_t2 = 1.0 - (1.0 - cos * cos) * (1.0 / (ratio * ratio))
         cos_t = dr.sqrt(dr.maximum(cos_t2, 1e-12))
-        s = (cos - ratio * cos_t) / (cos + ratio * cos_t)
-        p = (ratio * cos - cos_t) / (ratio * cos + cos_t)
+        s, p = cos + ratio * cos_t, ratio * cos + cos_t
+        both = 1.0 / (s * p)
+        s, p = (cos - ratio * cos_t) * p * both, (ratio * cos - cos_t) * s * both
         return dr.select(cos_t2 <= 0.0, 1.0, 0.5 * (s * s + p * p))
+
+    def _density(self, half):
+        """Per steradian, as if no facet reflected downward."""
+        z = dr.maximum(half.z, 1e-6)
+        return 0.25 * self._slopes(half) / (z * z * z * dr.maximum(half.cos, 1e-6))
 
     def eval(self, half):
         """f·cos θo short of the factor that depends on θi alone."""
-        z = dr.maximum(half.z, 1e-6)
-        density = 0.25 * self._slopes(half) / (z * z * z) * self.fresnel(half.cos)
-        return density / (z if self.visible else dr.maximum(half.cos, 1e-6))
+        light = self._density(half) * self.fresnel(half.cos)
+        return light * (dr.maximum(half.cos, 1e-6) / dr.maximum(half.z, 1e-6)) if self.visible else light
 
     def pdf(self, incidence, half):
         """Density per steradian with which `sample` finds the direction."""
-        z = dr.maximum(half.z, 1e-6)
-        reach = 1.0 / dr.maximum(incidence.cos, _TINY)
-        lo, hi = self._limits(incidence, half.q2)
-        kept = self._kept(-reach, reach) * self._kept(lo, hi)
-        jacobian = 4.0 * dr.maximum(half.cos, 1e-6) * z * z * z
-        return dr.select(kept > 1e-12, self._slopes(half) / (dr.maximum(kept, 1e-12) * jacobian), 0.0)
+        kept = self._kept(*self._across(incidence)) * self._kept(*self._along(incidence, half.q2))
+        return dr.select(kept > 1e-12, self._density(half) / dr.maximum(kept, 1e-12), 0.0)
 
     def sample(self, wi, incidence, u, v):
         """A direction and whether it is one: slopes from the normal distribution cut to where they reflect upward."""
-        reach = 1.0 / dr.maximum(incidence.cos, _TINY)
-        q = self._truncated_normal(-reach, reach, u)
-        lo, hi = self._limits(incidence, q * q)
+        q = self._truncated_normal(*self._across(incidence), u)
+        lo, hi = self._along(incidence, q * q)
         p = self._truncated_normal(lo, hi, v)
         z = 1.0 / dr.sqrt(1.0 + p * p + q * q)
         along, across = incidence.azimuth
         m = type(wi)(z * (q * across - p * along), -z * (p * across + q * along), z)
         wo = dr.fma(2.0 * dr.dot(wi, m), m, -wi)
-        return wo, (wo.z > 0.0) & (hi > lo)
+        return wo, (wo.z > 0.0) & (True if lo is None else hi > lo)
 
-    @staticmethod
-    def _limits(incidence, q2):
-        """Where along p facets reflect above the horizon, at one q."""
+    # Limits of a slope: None where none is felt.
+
+    def _across(self, incidence):
+        """Where along q facets can reflect above the horizon."""
+        reach = 1.0 / dr.maximum(incidence.cos, _TINY)
+        return (None, None) if self.narrow else (-reach, reach)
+
+    def _along(self, incidence, q2):
+        """Where along p they do, at one q."""
         cos, sin = incidence.cos, incidence.sin
         chord = _sqrt(1.0 - q2 * cos * cos)
-        return -(sin + chord) / dr.maximum(cos, _TINY), cos * (1.0 - q2) / dr.maximum(sin + chord, _TINY)
+        lo = None if self.narrow else -(sin + chord) / dr.maximum(cos, _TINY)
+        return lo, cos * (1.0 - q2) / dr.maximum(sin + chord, _TINY)
+
+    def _integrals(self, lo, hi):
+        """Twice the integral of the normal distribution from the middle to both limits."""
+        scale = 1.0 / (self.sigma * float(np.sqrt(2.0)))
+        return -1.0 if lo is None else dr.erf(lo * scale), 1.0 if hi is None else dr.erf(hi * scale)
 
     def _kept(self, lo, hi):
         """Probability that a slope lies between the limits."""
-        scale = 1.0 / (self.sigma * float(np.sqrt(2.0)))
-        return 0.5 * (dr.erf(hi * scale) - dr.erf(lo * scale))
+        below, above = self._integrals(lo, hi)
+        return 0.5 * (above - below)
 
     def _truncated_normal(self, lo, hi, u):
-        scale = 1.0 / (self.sigma * float(np.sqrt(2.0)))
-        a, b = dr.erf(lo * scale), dr.erf(hi * scale)
-        x = dr.erfinv(dr.clip(a + u * (b - a), -_BELOW_ONE, _BELOW_ONE))
-        return dr.clip(x / scale, lo, hi)
+        below, above = self._integrals(lo, hi)
+        x = dr.erfinv(dr.clip(below + u * (above - below), -_BELOW_ONE, _BELOW_ONE)) * (self.sigma * float(np.sqrt(2.0)))
+        x = x if lo is None else dr.maximum(x, lo)
+        return x if hi is None else dr.minimum(x, hi)
 
 
 class Warp:
@@ -200,13 +216,13 @@ class Warp:
         return self.gain_hi if self.gain_lo is None else dr.select(positive, self.gain_hi, self.gain_lo)
 
     def position(self, offset):
-        """Position in cells of centre + offset, and dx/dposition there."""
+        """Position in cells of centre + offset; and of dposition/dx there, numerator and denominator."""
         size = dr.abs(offset) * self.inverse_width
         root = dr.sqrt(dr.fma(size, size, 1.0))
         gain = self._gain(offset >= 0.0)
         stretched = gain * dr.log(size + root)
         position = self.middle + dr.select(offset >= 0.0, stretched, -stretched)
-        return position, self.width * root / gain
+        return position, gain * self.inverse_width, root
 
     def offset(self, position):
         """The coordinate at a position, relative to the centre."""
@@ -224,8 +240,9 @@ class Incidence:
     following: object
     fraction: object
     correction: list
-    #: Σ of the sampling densities: interior, rehit; and the share of each in the cap around the normal.
+    #: Σ of the sampling densities: interior, rehit; its reciprocal, 0 where it is dark; and the share of each in the cap around the normal.
     total: list
+    inverse_total: list
     cap: list
     columns: Warp
     #: Room above the columns' centre: the elevation of the centre.
@@ -260,8 +277,7 @@ class Tabulated:
         # By incidence: what is read over the albedos, and w of the azimuth.
         self.along = types.store(np.concatenate([table.span_curves[..., :2], widths, np.zeros_like(widths)], axis=2), 4)
         if not regular:
-            self.span_ends = types.store(spans, 1)
-            self.span_records = types.store(np.stack([spans[:-1], 1.0 / steps, before, after], axis=1), 4)
+            self.search = Search(types, spans[None, 1:-1], np.stack([spans[:-1], 1.0 / steps, before, after], axis=1))
         self.table = table
         self._set(table.values, table.densities, table.span_curves[..., 2:])
 
@@ -297,8 +313,9 @@ class Tabulated:
         if caps is None:
             caps = self._cap_shares(density.sum(axis=1) * scale(total)[:, None], total)
         self.shares = types.store(np.concatenate([caps, before + steps * (after - before)], axis=2), 4)
-        self.row_density, self.row_cdf = self._distribution(density * scale(rows)[:, :, None], axis=2)
-        self.phi_density, self.phi_cdf = self._distribution(rows * scale(total)[:, None], axis=1)
+        of_rows = lambda density: Distribution(types, np.moveaxis(density, -1, 0).reshape(-1, density.shape[-2]))
+        self.along_row = of_rows(density * scale(rows)[:, :, None])
+        self.among_rows = None if self.axis.plane else of_rows(rows * scale(total)[:, None])
 
     def _cap_shares(self, density, total):
         """Share of what `sample` draws within the cap around the normal before it spreads it there, at the steps of
@@ -333,12 +350,7 @@ class Tabulated:
             shares[span] = np.divide(shares[span], sums, out=np.zeros_like(sums), where=sums > 0.0)
         return shares
 
-    def _distribution(self, density, axis):
-        middle = density.cumsum(axis=axis) - 0.5 * density
-        flat = lambda values: self.types.store(np.moveaxis(values, -1, 0), 1)
-        return flat(density), flat(middle)
-
-    def incidence(self, polar, active):
+    def incidence(self, polar):
         """The table at θi."""
         types = self.types
         if self.regular_step is not None:
@@ -347,17 +359,17 @@ class Tabulated:
             fraction = dr.clip(x - types.Float(span), 0.0, 1.0)
             node, following = span, span + 1
         else:
-            found = dr.binary_search(1, self.span_count, lambda k: self.span_ends.read(types.UInt32(k), active)[0] <= polar.theta)
-            span = types.UInt32(found) - 1
-            start, inverse, before, after = self.span_records.read(span, active)
+            span = self.search.count(polar.theta)
+            start, inverse, before, after = self.search.records.read(span)
             fraction = dr.clip((polar.theta - start) * inverse, 0.0, 1.0)
             node, following = types.floor(before), types.floor(after)
         step = fraction * self.span_steps
         index = dr.minimum(types.floor(step), self.span_steps - 1)
         record = span * (self.span_steps + 1) + index
-        interior, rehit, width, _ = self.along.between(record, step - types.Float(index), active)
-        shares = self.shares.between(record, step - types.Float(index), active) if self.sampled else []
+        interior, rehit, width, _ = self.along.between(record, step - types.Float(index))
+        shares = self.shares.between(record, step - types.Float(index)) if self.sampled else []
         cap, total = shares[:2], shares[2:]
+        inverse_total = [dr.select(t > _TINY, 1.0 / dr.maximum(t, _TINY), 0.0) for t in total]
 
         w2 = self.axis.width**2
         withdrawal = lambda room: w2 / (dr.sqrt(dr.fma(room, room, w2)) + room)
@@ -371,7 +383,9 @@ class Tabulated:
         else:
             # tan of the centre = 1/tan of its elevation.
             self_phi = Warp(self.axis.width * dr.tan(dr.maximum(room, 1e-7)), None, _PI, self.rows)
-        return Incidence(polar, node, following, fraction, [dr.rcp(interior), dr.rcp(rehit)], total, cap, columns, room, concentration, self_phi)
+        return Incidence(
+            polar, node, following, fraction, [dr.rcp(interior), dr.rcp(rehit)], total, inverse_total, cap, columns, room, concentration, self_phi
+        )
 
     @staticmethod
     def lit(at):
@@ -384,35 +398,38 @@ class Tabulated:
         gap = dr.select(steep, polar.theta - at.polar.theta, at.polar.elevation - polar.elevation)
         # θo − centre; the centre is θi + (elevation of θi − room).
         forward = gap - (at.polar.elevation - at.room)
-        position, slope = at.columns.position(forward)
+        position, rate, root = at.columns.position(forward)
         cell = self._cell(position, self.columns)
         if not self.axis.plane:
-            phi, phi_slope = at.phi.position(2.0 * dr.asin(dr.minimum(dr.sqrt(y2), 1.0)))
-            return Exit([cell], [slope], self._cell(phi, self.rows), slope * phi_slope * polar.sin, None, polar.sin, y2)
-        position, retro_slope = at.columns.position(-polar.theta - (_HALF_PI - at.room))
-        x = at.concentration * polar.sin
-        return Exit([cell, self._cell(position, self.columns)], [slope, retro_slope], None, None, x, polar.sin, y2)
+            phi, phi_rate, phi_root = at.phi.position(2.0 * dr.asin(dr.minimum(dr.sqrt(y2), 1.0)))
+            # Half of it on either side of the plane of incidence.
+            rates = [0.5 * rate * phi_rate / dr.maximum(root * phi_root * polar.sin, _POLE**2)]
+            return Exit([cell], rates, self._cell(phi, self.rows), None, polar.sin, y2)
+        position, retro_rate, retro_root = at.columns.position(-polar.theta - (_HALF_PI - at.room))
+        inverse = 1.0 / (root * retro_root * dr.maximum(polar.sin, _POLE))
+        rates = [rate * retro_root * inverse, retro_rate * root * inverse]
+        return Exit([cell, self._cell(position, self.columns)], rates, None, at.concentration * polar.sin, polar.sin, y2)
 
     def _cell(self, position, cells):
         from_first = dr.clip(position - 0.5, 0.0, cells - 1.0)
         index = dr.minimum(self.types.floor(from_first), cells - 2)
         return index, from_first - self.types.Float(index)
 
-    def _read(self, store, at, row, cell, active):
+    def _read(self, store, at, row, cell):
         index, fraction = cell
         start = row + index
         stride = self.rows * self.columns
-        near = store.between(at.node * stride + start, fraction, active)
-        far = store.between(at.following * stride + start, fraction, active)
+        near = store.between(at.node * stride + start, fraction)
+        far = store.between(at.following * stride + start, fraction)
         return [dr.fma(at.fraction, b - a, a) for a, b in zip(near, far)]
 
-    def read(self, at, exit, active):
+    def read(self, at, exit):
         """What `eval` and `pdf` need of the cells around an exit: two records of values and densities, ahead and back
         (decay tables), or of the two φ rows (space tables)."""
         if self.axis.plane:
-            return [self._read(self.cells, at, 0, cell, active) for cell in exit.cells]
+            return [self._read(self.cells, at, 0, cell) for cell in exit.cells]
         row = exit.row[0] * self.columns
-        return [self._read(self.cells, at, row + step, exit.cells[0], active) for step in (0, self.columns)]
+        return [self._read(self.cells, at, row + step, exit.cells[0]) for step in (0, self.columns)]
 
     def eval(self, at, exit, cells):
         """f·cos θo in 1/sr of interior and rehit, the albedo restored."""
@@ -426,42 +443,37 @@ class Tabulated:
         """Densities per steradian with which `sample` finds the direction: interior, rehit."""
         first, second = (record[2:] for record in cells)
         if self.axis.plane:
-            around = Forward(exit.concentration).pdf(exit.y2)
-            scale = 1.0 / dr.maximum(exit.sin, _POLE)
-            ahead, back = around / exit.slopes[0] * scale, (0.5 / _PI) / exit.slopes[1] * scale
+            ahead, back = Forward(exit.concentration).pdf(exit.y2) * exit.rates[0], (0.5 / _PI) * exit.rates[1]
             density = [a * ahead + b * back for a, b in zip(first, second)]
         else:
-            # Half of it on either side of the plane of incidence.
-            scale = 0.5 / dr.maximum(exit.measure, _POLE**2)
-            density = [scale * dr.fma(exit.row[1], b - a, a) for a, b in zip(first, second)]
-        density = [dr.select(t > _TINY, d / dr.maximum(t, _TINY), 0.0) for d, t in zip(density, at.total)]
+            density = [exit.rates[0] * dr.fma(exit.row[1], b - a, a) for a, b in zip(first, second)]
+        density = [d * inverse for d, inverse in zip(density, at.inverse_total)]
         in_cap = exit.sin < self.cap_sin
         return [dr.select(in_cap, share * self.cap_density, d) for share, d in zip(at.cap, density)]
 
-    def sample(self, rehit, at, select, u, v, active):
+    def sample(self, rehit, at, select, u, v):
         """θo's sine and cosine, and φ, of the lobe interior or (mask) rehit."""
         types = self.types
         pick = lambda record: dr.select(rehit, record[1], record[0])
-        near = (1.0 - at.fraction) * pick(self.total.read(at.node, active))
-        far = at.fraction * pick(self.total.read(at.following, active))
-        second, select = _split(select, near / dr.maximum(near + far, _TINY))
+        near = (1.0 - at.fraction) * pick(self.total.read(at.node))
+        second, select = _split(select, near / dr.maximum(pick(at.total), _TINY))
         incidence = dr.select(second, at.following, at.node) + dr.select(rehit, types.UInt32(self.incidences), 0)
         phi, row = None, incidence * self.rows
         if not self.axis.plane:
             mirrored = v >= 0.5
             v = dr.select(mirrored, 2.0 * v - 1.0, 2.0 * v)
-            position = self._invert(self.phi_density, self.phi_cdf, incidence * self.rows, self.rows, v, active)
+            position = self.among_rows.invert(incidence, v)
             index, fraction = self._cell(position, self.rows)
-            a, b = (self.phi_density.read(row + index + k, active)[0] for k in (0, 1))
+            a, b, _ = self.among_rows.at(incidence, index)
             near, far = (1.0 - fraction) * a, fraction * b
             second, select = _split(select, near / dr.maximum(near + far, _TINY))
             row = row + index + dr.select(second, types.UInt32(1), 0)
             phi = dr.minimum(at.phi.offset(position), _PI)
             phi = dr.select(mirrored, -phi, phi)
-        position = self._invert(self.row_density, self.row_cdf, row * self.columns, self.columns, u, active)
+        position = self.along_row.invert(row, u)
         # Elevation of the signed exit angle: from 0 at the forward horizon to π at the retro one.
         elevation = dr.clip(at.room - at.columns.offset(position), 0.0, _PI if self.axis.plane else _HALF_PI)
-        cos, sin = dr.sin(elevation), dr.cos(elevation)
+        cos, sin = dr.sincos(elevation)
         if self.axis.plane:
             forward = Forward(at.concentration * dr.maximum(sin, 0.0)).sample(v)
             phi = dr.select(sin >= 0.0, forward, _PI * (2.0 * v - 1.0))
@@ -471,36 +483,48 @@ class Tabulated:
         # either v, on which only φ depended, or u as a share of the row's part within the cap.
         area, turn = select, v
         if not self.axis.plane:
-            edge, _ = at.columns.position(self.cap - _HALF_PI + at.room)
-            within = self._cumulated(self.row_density, self.row_cdf, row * self.columns, edge, active)
+            edge, *_ = at.columns.position(self.cap - _HALF_PI + at.room)
+            within = self.along_row.cumulated(row, edge, *self._cell(edge, self.columns))
             area, turn = dr.clip(u / dr.maximum(within, _TINY), 0.0, 1.0), select
         chord2 = float(np.sin(0.5 * self.cap) ** 2) * area
         cap_sin = 2.0 * dr.sqrt(chord2 * (1.0 - chord2))
         sin, cos = dr.select(in_cap, cap_sin, sin), dr.select(in_cap, 1.0 - 2.0 * chord2, cos)
         return sin, cos, dr.select(in_cap, _PI * (2.0 * turn - 1.0), phi)
 
-    def _cumulated(self, density, cdf, start, position, active):
-        """Integral of a row's piecewise-linear density up to a position."""
-        index, t = self._cell(position, self.columns)
-        a, b = (density.read(start + index + k, active)[0] for k in (0, 1))
-        inner = cdf.read(start + index, active)[0] + t * dr.fma(0.5 * t, b - a, a)
-        return dr.select(position < 0.5, position * a, inner)
 
-    def _invert(self, density, cdf, start, count, share, active):
-        """Position where the integral of a piecewise-linear density reaches a share of its total (1)."""
+class Distribution:
+    """Rows of densities over equal cells, linear between the middles of two and constant beyond the outermost: each of sum 1, or dark."""
+
+    def __init__(self, types, density):
+        """density: [row, cell]."""
+        self.types, self.count = types, density.shape[1]
+        below = density.cumsum(axis=1) - 0.5 * density
+        following = np.concatenate([density[:, 1:], density[:, -1:]], axis=1)
+        records = np.stack([density, following, below, np.zeros_like(below)], axis=2)
+        self.search = Search(types, below, records.reshape(-1, 4))
+
+    def at(self, row, index):
+        """Densities in a cell and in the next, and the integral up to the middle of the first."""
+        return self.search.records.read(row * self.count + index)[:3]
+
+    def cumulated(self, row, position, index, fraction):
+        """Integral of a row up to a position, which lies in a cell so far towards the next."""
+        a, b, below = self.at(row, index)
+        return dr.select(position < 0.5, position * a, below + fraction * dr.fma(0.5 * fraction, b - a, a))
+
+    def invert(self, row, share):
+        """Position where the integral of a row reaches a share."""
         types = self.types
-        found = dr.binary_search(0, count, lambda k: cdf.read(start + types.UInt32(k), active)[0] <= share)
-        above = types.UInt32(found)
+        above = self.search.count(share, row)
         k = dr.maximum(above, types.UInt32(1)) - 1
-        following = dr.minimum(k + 1, types.UInt32(count - 1))
-        a, b = density.read(start + k, active)[0], density.read(start + following, active)[0]
-        rest = share - cdf.read(start + k, active)[0]
-        # a·t + (b − a)·t²/2 = rest, in the form that does not cancel; beyond the ends the density is constant.
-        b = dr.select((above == 0) | (following == k), a, b)
+        a, b, below = self.at(row, k)
+        rest = share - below
+        # a·t + (b − a)·t²/2 = rest, in the form that does not cancel; before the first middle the density is constant.
+        b = dr.select(above == 0, a, b)
         root = _sqrt(dr.fma(a, a, 2.0 * (b - a) * rest))
         t = 2.0 * rest / dr.maximum(a + root, _TINY)
         lowest = dr.select(above == 0, -0.5, 0.0)
-        highest = dr.select(following == k, 0.5, 1.0)
+        highest = dr.select(k == self.count - 1, 0.5, 1.0)
         return types.Float(k) + 0.5 + dr.clip(t, lowest, highest)
 
 
@@ -508,12 +532,11 @@ class Tabulated:
 class Exit:
     """Where an exit direction lies in the table at one incidence."""
 
-    #: Column cells ahead and back (decay) or one (walk), and dx/dposition there.
+    #: Column cells ahead and back (decay) or one (space); dposition/dx there over sin θo (decay), d(positions)/dω over 2 (space).
     cells: list
-    slopes: list
-    #: φ cell and dω/d(positions), space tables.
+    rates: list
+    #: φ cell, space tables.
     row: tuple | None
-    measure: object
     #: Concentration of the decay, decay tables.
     concentration: object
     sin: object
@@ -523,9 +546,8 @@ class Exit:
 def _split(u, first):
     """Chooses the second of two by the probability of the first, and what is left of the random number."""
     second = u >= first
-    a = u / dr.maximum(first, _TINY)
-    b = (u - first) / dr.maximum(1.0 - first, _TINY)
-    return second, dr.clip(dr.select(second, b, a), 0.0, _BELOW_ONE)
+    rest, share = dr.select(second, u - first, u), dr.select(second, 1.0 - first, first)
+    return second, dr.clip(rest / dr.maximum(share, _TINY), 0.0, _BELOW_ONE)
 
 
 def _one_minus_exp(z):
@@ -535,9 +557,9 @@ def _one_minus_exp(z):
 
 def _decay(x, y2):
     """D(φ) at concentration x from y2 = sin²(φ/2)."""
-    floor = dr.maximum(x, 1e-9)
-    ratio = _one_minus_exp(2.0 * floor * (1.0 - y2)) / _one_minus_exp(2.0 * floor)
-    return dr.select(x < 1e-9, 1.0 - y2, dr.exp(-dr.minimum(2.0 * floor * y2, 80.0)) * ratio)
+    x2 = 2.0 * dr.maximum(x, 1e-9)
+    ratio = _one_minus_exp(x2 * (1.0 - y2)) / _one_minus_exp(x2)
+    return dr.exp(-dr.minimum(x2 * y2, 80.0)) * ratio
 
 
 class Forward:
@@ -546,14 +568,15 @@ class Forward:
     def __init__(self, x):
         self.k = dr.maximum(1.6 * _sqrt(x), 1e-2)
         e = dr.exp(-2.0 * self.k)
-        self.tanh_k = (1.0 - e) / (1.0 + e)
+        # Numerator and denominator of tanh k.
+        self.gap, self.sum = 1.0 - e, 1.0 + e
         self.narrow = x / (x + 0.25)
 
     def pdf(self, y2):
         """Density per radian of φ."""
         e = dr.exp(-dr.minimum(2.0 * self.k * dr.sqrt(y2), 80.0))
-        sech2 = 4.0 * e / dr.square(1.0 + e)
-        narrow = 0.25 * _sqrt(1.0 - y2) * self.k * sech2 / self.tanh_k
+        # ¼·√(1 − y²)·k·sech²(ky)/tanh k.
+        narrow = _sqrt(1.0 - y2) * self.k * e * self.sum / (dr.square(1.0 + e) * self.gap)
         return (1.0 - self.narrow) * (0.5 / _PI) + self.narrow * narrow
 
     def sample(self, u):
@@ -562,7 +585,7 @@ class Forward:
         u = dr.select(negative, 2.0 * u - 1.0, 2.0 * u)
         broad = u >= self.narrow
         v = (u - self.narrow) / dr.maximum(1.0 - self.narrow, _TINY)
-        t = dr.minimum(u / dr.maximum(self.narrow, _TINY), 1.0) * self.tanh_k
+        t = dr.minimum(u / dr.maximum(self.narrow, _TINY), 1.0) * self.gap / self.sum
         t = dr.clip(t, 0.0, _BELOW_ONE)
         y = dr.minimum(0.5 * dr.log((1.0 + t) / (1.0 - t)) / self.k, 1.0)
         phi = dr.select(broad, _PI * dr.minimum(v, 1.0), 2.0 * dr.asin(y))

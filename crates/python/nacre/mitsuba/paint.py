@@ -103,16 +103,17 @@ class Channels:
     def __init__(self, types, derived, limited, _bands, _means):
         self.types = types
         self.count = len(derived.left)
-        width, places, channels = _channel_places(types, self.count)
+        width, places, _ = _channel_places(types, self.count)
         store = lambda flat: types.rearranged(flat, places, width)
         self.rest, self.factor, self.emission = map(store, (derived.rest, derived.factor, derived.emission))
         self.limit = store(derived.limit) if limited else None
-        self.base = types.rearranged(_base(types, derived), channels, width)
+        # Not read where it is asked for: what Dr.Jit reads at an index that it knows is another variable each time.
+        self.base = types.numbers(_base(types, derived))
 
-    def shade(self, light, places, body, wavelengths, active, _thickness=None):
+    def shade(self, light, places, body, wavelengths, _thickness=None):
         """`Light.coloured` of all channels. places: of the viewer, of the light, and of θd."""
-        read = lambda store, place: store.between(*place, active)
-        return _shaded(self, read, self.base.read(self.types.UInt32(0), active), light, places, body, wavelengths)
+        read = lambda store, place: store.between(*place)
+        return _shaded(self, read, self.base, light, places, body, wavelengths)
 
 
 class Scaled:
@@ -127,14 +128,14 @@ class Scaled:
         self.limit = store(derived.limit) if limited else None
         self.base = types.rearranged(_base(types, derived), channels, width)
 
-    def shade(self, light, places, body, wavelengths, active, thickness):
+    def shade(self, light, places, body, wavelengths, thickness):
         """`Light.coloured` of all channels. places: of the viewer, of the light, and of θd."""
 
         def read(store, place):
             index, fraction = place
-            return thickness.between(lambda scale: store.between(scale * curves.NODES + index, fraction, active))
+            return thickness.between(lambda scale: store.between(scale * curves.NODES + index, fraction))
 
-        scale = thickness.between(lambda scale: self.base.read(scale, active))
+        scale = thickness.between(lambda scale: self.base.read(scale))
         return _shaded(self, read, scale, light, places, body, wavelengths)
 
 
@@ -153,27 +154,27 @@ class Bands:
         self.limit = store(derived.limit) if limited else None
         self.base = types.rearranged(_base(types, derived), bands, 2)
 
-    def shade(self, light, places, body, wavelengths, active, thickness=None):
+    def shade(self, light, places, body, wavelengths, thickness=None):
         """`Light.coloured` at the wavelengths. places: of the viewer, of the light, and of θd."""
         mean = None
         if thickness is not None:
             # A stack s times as thick has at λ the colours of λ/s.
             wavelengths = [nm / thickness.s for nm in wavelengths]
             index, fraction = places[0]
-            [mean] = thickness.between(lambda scale: self.means.between(scale * curves.NODES + index, fraction, active))
-        return [self._at(light, places, body[k], wavelengths[k], mean, active) for k in range(len(wavelengths))]
+            [mean] = thickness.between(lambda scale: self.means.between(scale * curves.NODES + index, fraction))
+        return [self._at(light, places, body[k], wavelengths[k], mean) for k in range(len(wavelengths))]
 
-    def _at(self, light, places, body, nm, mean, active):
+    def _at(self, light, places, body, nm, mean):
         x = dr.clip((nm - self.first) * self.per_nm, 0.0, float(self.last))
         band = dr.minimum(self.types.floor(x), self.last - 1)
 
         def read(store, place):
             index, fraction = place
-            a, b, c, d = store.read(band * curves.NODES + index, active)
+            a, b, c, d = store.read(band * curves.NODES + index)
             return dr.fma(fraction, b - a, a), dr.fma(fraction, d - c, c)
 
         at_i, at_o, at_d = places
-        scales = self.base.read(band, active)
+        scales = self.base.read(band)
         limit = read(self.limit, at_i) if self.limit else (1.0, 1.0)
         emission = read(self.emission, at_i)
         if mean is not None:

@@ -5,6 +5,9 @@ import numpy as np
 
 from .table import Table
 
+#: So many numbers of a row are compared one by one.
+_FEW = 128
+
 
 def reachable(part):
     """The arrays of Dr.Jit in an object of ours and in what it holds: those that `dr.freeze` must know."""
@@ -20,34 +23,67 @@ def reachable(part):
 
 
 class JitStore:
-    """Records of `width` floats, read together; differentiable in `data`."""
+    """Records of `width` floats, read together; differentiable in `data`. Reads need no mask: whoever reads makes every index a valid one,
+    and what depends on no mask Dr.Jit computes once, however often it is asked for."""
 
-    def __init__(self, types, data, width):
+    def __init__(self, types, data, width, first=0):
+        """first: how many records of the data come before the store's own."""
         self.record = {1: types.Float, 2: types.Vector2f, 4: types.Vector4f}[width]
-        self.width, self.data = width, data
+        self.width, self.data, self.first = width, data, first
 
-    def read(self, index, active):
+    def read(self, index):
         """The record at an index: a list of floats."""
-        found = dr.gather(self.record, self.data, index, active)
+        found = dr.gather(self.record, self.data, index + self.first)
         return [found] if self.width == 1 else [found[k] for k in range(self.width)]
 
-    def between(self, index, fraction, active):
+    def between(self, index, fraction):
         """The record between an index and the next, read linearly."""
-        a, b = self.read(index, active), self.read(index + 1, active)
+        a, b = self.read(index), self.read(index + 1)
         return [dr.fma(fraction, y - x, x) for x, y in zip(a, b)]
 
 
 class ScalarStore:
     """The same in plain Python floats."""
 
-    def __init__(self, types, data, width):
-        self.records = np.asarray(data, np.float64).reshape(-1, width)
+    def __init__(self, types, data, width, first=0):
+        self.records = np.asarray(data, np.float64).reshape(-1, width)[first:]
 
-    def read(self, index, active):
+    def read(self, index):
         return self.records[index].tolist()
 
-    def between(self, index, fraction, active):
-        return [x + fraction * (y - x) for x, y in zip(self.read(index, active), self.read(index + 1, active))]
+    def between(self, index, fraction):
+        return [x + fraction * (y - x) for x, y in zip(self.read(index), self.read(index + 1))]
+
+
+class Search:
+    """Rows of ascending numbers, searched five ways at a step, and a store of records of four beside them: one array holds all."""
+
+    def __init__(self, types, rows, records):
+        self.types, count = types, rows.shape[1]
+        # A lone row of few numbers is compared sooner than it is searched.
+        self.known = rows[0].tolist() if len(rows) == 1 and count <= _FEW else None
+        steps, span = [], 1
+        while self.known is None and span <= count:
+            # Of every five spans of numbers the four bounds between them.
+            bounds = np.full((len(rows), -(-(count + 1) // (5 * span)), 5, span), np.inf)
+            bounds.reshape(len(rows), -1)[:, :count] = rows
+            steps.insert(0, bounds[:, :, :4, -1])
+            span *= 5
+        # What belongs to a row lies together.
+        *self.starts, self.stride = np.cumsum([0, *(step.shape[1] for step in steps)]).tolist()
+        data = types.array(np.concatenate([np.concatenate(steps, axis=1).reshape(-1, 4) if steps else records[:0], records]))
+        self.bounds, self.records = (types.Store(types, data, 4, first) for first in (0, len(rows) * self.stride))
+
+    def count(self, x, row=0):
+        """How many of a row's numbers are not above x."""
+        one, none = self.types.UInt32(1), self.types.UInt32(0)
+        passed = lambda bounds: sum((dr.select(bound <= x, one, none) for bound in bounds), none)
+        if self.known is not None:
+            return passed(self.known)
+        node = none
+        for start in self.starts:
+            node = 5 * node + passed(self.bounds.read(row * self.stride + start + node))
+        return node
 
 
 class Types:
@@ -87,6 +123,10 @@ class Types:
         if not self.jit:
             return self.Store(self, flat[places], width)
         return self.Store(self, dr.gather(self.Float, flat, places), width)
+
+    def numbers(self, flat):
+        """The numbers of a flat array, one by one."""
+        return [dr.gather(self.Float, flat, self.UInt32(k)) for k in range(len(flat))] if self.jit else flat.tolist()
 
     def floor(self, x):
         """x ≥ 0 as an index."""
