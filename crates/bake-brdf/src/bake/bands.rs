@@ -135,7 +135,8 @@ pub(super) fn seconds_to_choose(request: &Request) -> Result<f64, BakeError> {
         }
         None => prices::BAND_SMOOTH * (ANGLES_DEG.len() * transport.layers()) as f64,
     };
-    Ok(each * looked_at(request).len() as f64)
+    let (problems, _) = problems(request, &looked_at(request))?;
+    Ok(each * problems.len() as f64)
 }
 
 /// Settings of the cheap doubling, or none where the smooth stack has to do.
@@ -161,8 +162,10 @@ fn chosen(
 ) -> Result<Bands, BakeError> {
     let own = request.recipe.light.wavelength_nm;
     let nodes = looked_at(request);
-    let at = |nm: &f64| go_on(stop).and_then(|()| lobes(&request.at_wavelength(*nm), settings));
-    let solved = nodes.par_iter().map(at).collect::<Result<Vec<Lobes>, BakeError>>()?;
+    let (problems, problem_at) = problems(request, &nodes)?;
+    let at = |problem: &Transport| go_on(stop).and_then(|()| lobes(problem, settings));
+    let solved = problems.par_iter().map(at).collect::<Result<Vec<Lobes>, BakeError>>()?;
+    let solved: Vec<&Lobes> = problem_at.into_iter().map(|problem| &solved[problem]).collect();
     let (further_nm, worst) = choose(&nodes, &solved, own, share);
     // Three digits are more than it is good for, and hide in which order a machine's matrix products add.
     let interpolation_percent = crate::three_digits(100.0 * worst);
@@ -208,14 +211,28 @@ fn looked_at(request: &Request) -> Vec<f64> {
     nodes[at_own - below..at_own + above].to_vec()
 }
 
-/// A cheap solution of the lobe at the recipe's wavelength.
-fn lobes(request: &Request, settings: Option<&Settings>) -> Result<Lobes, BakeError> {
-    let mut transport = request.transport()?;
+/// The problems at some wavelengths, and which of them each wavelength has: where no index depends on it they are one.
+fn problems(request: &Request, nodes: &[f64]) -> Result<(Vec<Transport>, Vec<usize>), BakeError> {
+    let mut problems = Vec::new();
+    let mut problem_at = Vec::with_capacity(nodes.len());
+    for nm in nodes {
+        let transport = request.at_wavelength(*nm).transport()?;
+        let known = problems.iter().position(|problem| *problem == transport);
+        problem_at.push(known.unwrap_or(problems.len()));
+        if known.is_none() {
+            problems.push(transport);
+        }
+    }
+    Ok((problems, problem_at))
+}
+
+/// A cheap solution of the lobe.
+fn lobes(transport: &Transport, settings: Option<&Settings>) -> Result<Lobes, BakeError> {
     let Some(settings) = settings else {
-        let smooth = |theta: &f64| vec![spectra::incoherent_reflectance(&transport, *theta)];
+        let smooth = |theta: &f64| vec![spectra::incoherent_reflectance(transport, *theta)];
         return Ok(angles().iter().map(smooth).collect());
     };
-    transport.light = Light::Unpolarised;
+    let transport = Transport { light: Light::Unpolarised, ..transport.clone() };
     let solution = doubling::solve(&transport, Geometry::Plane, &angles(), settings)?;
     let axis = exit_axis(Geometry::Plane, transport.facets.slope_sd);
     let lobe = |incidence: usize| {
@@ -226,7 +243,7 @@ fn lobes(request: &Request, settings: Option<&Settings>) -> Result<Lobes, BakeEr
 }
 
 /// The further bands among the wavelengths looked at, and the largest error of reading between bands (a share).
-fn choose(nodes: &[f64], lobes: &[Lobes], own: f64, share: f64) -> (Vec<f64>, f64) {
+fn choose(nodes: &[f64], lobes: &[&Lobes], own: f64, share: f64) -> (Vec<f64>, f64) {
     let at_own = nodes.iter().position(|nm| *nm == own).unwrap_or(0);
     let change =
         lobes.iter().map(|other| missed(&lobes[at_own], &lobes[at_own], 0.0, other)).fold(0.0, f64::max);
@@ -330,7 +347,9 @@ mod tests {
         let request = request(GLASSY, 1.0);
         let bands = request.bands().unwrap();
         let settings = cheap_settings(&request.transport().unwrap(), 0.01);
-        let at = |nm: f64| lobes(&request.at_wavelength(nm), settings.as_ref()).unwrap();
+        let at = |nm: f64| {
+            lobes(&request.at_wavelength(nm).transport().unwrap(), settings.as_ref()).unwrap()
+        };
         let all: Vec<f64> = bands.all_nm().collect();
         for nm in [391.0, 433.0, 487.0, 611.0, 693.0, 771.0] {
             let [(a, _), (b, t)] = bands.shares(nm);

@@ -163,8 +163,10 @@ fn compare(request: &Request, bands: &Bands) -> Result<Comparison, BakeError> {
     if let Err(why) = check_doubling(request, &transport, percent / 100.0) {
         return walk(&format!("doubling is out of reach here: {why}"));
     }
-    let bands = (1 + bands.further_nm.len()) as f64;
-    let doubling = bands * counts_of_doubling(request, &transport, percent / 100.0).seconds(geometry);
+    let transports = bands.transports(request)?;
+    let seconds = |band: &Transport| counts_of_doubling(request, band, percent / 100.0).seconds(geometry);
+    let doubling: f64 = transports.iter().map(seconds).sum();
+    let bands = transports.len() as f64;
     let (walk, exact) = walk_against(request, &transport, percent / 100.0, doubling / bands)?;
     Ok(Comparison::Seconds { doubling, nodes: settings.nodes, walk: bands * walk, exact })
 }
@@ -288,8 +290,7 @@ pub(super) fn doubling_counts(
             .map(|settings| settings.cost(transport, request.geometry(), incidences).counts);
         std::array::from_fn(|i| fine[i] + coarse[i])
     };
-    let known = request.placed_by.as_ref();
-    let known = known.filter(|known| known.is_of(transport, request.geometry(), &settings));
+    let known = request.solved_before(transport, &settings);
     let (all, solved) = (counts(incidences), known.map(|_| counts(0)).unwrap_or_default());
     std::array::from_fn(|i| all[i] - solved[i])
 }
@@ -370,7 +371,7 @@ mod tests {
             // What the clock says depends on the machine's load.
             request.placing_seconds = 0.0;
             // A faint interior is solved more finely, whatever has how many layers; and what placed the rows is solved once.
-            (request.grid.refinements, request.grid.raised, request.placed_by) = (0, 0, None);
+            (request.grid.refinements, request.grid.raised, request.placed_by) = (0, 0, Vec::new());
             seconds(&request, SolverChoice::Doubling)
         };
         let base = of(40, 1.0, 10);

@@ -35,7 +35,7 @@ const ATTEMPTS: u32 = 3;
 pub(super) const MOST_REFINEMENTS: u32 = 6;
 /// Lobes that decide a grid are made finer at most so often where they are not accurate enough.
 pub(super) const MOST_RAISED: u32 = 4;
-/// Bytes that a solved stack, fine and coarse, may take to be kept from placing rows to solving them.
+/// Bytes that solved stacks, fine and coarse, may take to be kept from placing rows to solving them.
 const KEPT: f64 = (1u64 << 30) as f64;
 /// Seconds of one core that one solution of the lobes may take; incidences of one.
 const AFFORDABLE: f64 = 10.0;
@@ -90,15 +90,14 @@ impl Grid {
     }
 
     /// The grid that a request asks for: its own incidences or as few as its accuracy takes, and as few cells as that takes. A
-    /// function of the request alone. With it the stack as it was solved at the recipe's wavelength, where that was needed. Stops soon
-    /// after `stop` is set.
+    /// function of the request alone. With it the stacks that were solved for it. Stops soon after `stop` is set.
     ///
     /// # Errors
     /// A bad request; [`BakeError::Interrupted`].
     pub(super) fn of(
         stop: &AtomicBool,
         request: &Request,
-    ) -> Result<(Self, Option<Arc<Checked>>), BakeError> {
+    ) -> Result<(Self, Vec<Arc<Checked>>), BakeError> {
         let options = &request.options;
         options.check()?;
         let transport = request.transport()?;
@@ -117,7 +116,7 @@ impl Grid {
         first.validate().map_err(|why| OptionError::new("cells", why.to_string()))?;
         let both_given = options.incident_deg.is_some() && options.cells.is_some();
         if !request.effects.has_lobe() || slope_sd == 0.0 || both_given {
-            return Ok((listed(first), None));
+            return Ok((listed(first), Vec::new()));
         }
         let problems = problems(request, transport)?;
         let azimuth = request.recipe.azimuth;
@@ -149,16 +148,18 @@ impl Grid {
                 }
             };
             let kept = between_cells <= FAR * shares[1] && between_rows <= FAR * shares[0];
-            let own = solved.into_iter().next().map(|lobes| lobes.checked);
-            best = Some((
-                Self { refinements, raised, ..grid },
-                own.filter(|own| own.bytes() <= KEPT).map(Arc::new),
-            ));
+            let mut room = KEPT;
+            let fits = |checked: &Checked| {
+                room -= checked.bytes();
+                room >= 0.0
+            };
+            let solved = solved.into_iter().map(|lobes| lobes.checked).take_while(fits);
+            best = Some((Self { refinements, raised, ..grid }, solved.map(Arc::new).collect()));
             if kept || lobe_share(&first, accuracy, refinements) <= FINEST_ATTEMPT {
                 break;
             }
         }
-        Ok(best.unwrap_or_else(|| (listed(first), None)))
+        Ok(best.unwrap_or_else(|| (listed(first), Vec::new())))
     }
 }
 

@@ -263,7 +263,8 @@ fn doubled(
     }
     let wanted = request.grid.solver_wanted(percent / 100.0);
     let theta_i = reading::with_middles(&request.theta_i());
-    let (geometry, known) = (request.geometry(), request.placed_by.as_deref());
+    let geometry = request.geometry();
+    let known = request.solved_before(transport, &wanted.settings(transport, geometry));
     let solution =
         doubling::solve_to_unless(observer.stop, transport, geometry, &theta_i, wanted, both_sides, known)?;
     let solved = assemble::doubled(request, transport, axis, &solution, observer)?;

@@ -80,7 +80,7 @@ pub fn request(meta: &Meta) -> Result<Request, BakeError> {
         refinements: refinements.min(MOST_REFINEMENTS),
         raised: raised.min(MOST_RAISED),
     };
-    Ok(Request { recipe, effects, options, grid, placed_by: None, placing_seconds: 0.0 })
+    Ok(Request { recipe, effects, options, grid, placed_by: Vec::new(), placing_seconds: 0.0 })
 }
 
 const fn exactly(precision: solver::Precision) -> Precision {

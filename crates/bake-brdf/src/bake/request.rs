@@ -9,7 +9,7 @@ use lut_io::axis::ExitAxis;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
-use transport::doubling::Checked;
+use transport::doubling::{Checked, Settings};
 use transport::{Geometry, Light, Transport};
 
 /// Bounds of the colour difference ΔE00 that colours are baked to.
@@ -26,8 +26,8 @@ pub struct Request {
     pub options: Options,
     /// Rows and cells.
     pub grid: Grid,
-    /// The stack at the recipe's wavelength as it was solved to place them: kept, so that it need not be solved again.
-    pub(crate) placed_by: Option<Arc<Checked>>,
+    /// The stacks that were solved to place them: kept, so that they need not be solved again.
+    pub(crate) placed_by: Vec<Arc<Checked>>,
     /// Seconds by the clock that placing rows and cells took; 0 where they are read from a file.
     pub placing_seconds: f64,
 }
@@ -73,7 +73,7 @@ impl Request {
                 refinements: 0,
                 raised: 0,
             },
-            placed_by: None,
+            placed_by: Vec::new(),
             placing_seconds: 0.0,
         };
         let started = Instant::now();
@@ -90,6 +90,12 @@ impl Request {
             Sides::Both => SolverChoice::Doubling,
         };
         self.options.solver.unwrap_or(of_recipe)
+    }
+
+    /// A stack as it was solved to place rows and cells, at these settings.
+    pub(super) fn solved_before(&self, transport: &Transport, settings: &Settings) -> Option<&Checked> {
+        let is_it = |stack: &&Checked| stack.is_of(transport, self.geometry(), settings);
+        self.placed_by.iter().map(Arc::as_ref).find(is_it)
     }
 
     /// Plane or space, as the recipe's azimuth mode needs.

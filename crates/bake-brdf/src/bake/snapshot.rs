@@ -88,7 +88,7 @@ impl Snapshot {
             effects: self.effects,
             options: self.options.clone(),
             grid,
-            placed_by: None,
+            placed_by: Vec::new(),
             placing_seconds: 0.0,
         })
     }
