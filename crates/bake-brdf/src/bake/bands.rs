@@ -347,9 +347,7 @@ mod tests {
         let request = request(GLASSY, 1.0);
         let bands = request.bands().unwrap();
         let settings = cheap_settings(&request.transport().unwrap(), 0.01);
-        let at = |nm: f64| {
-            lobes(&request.at_wavelength(nm).transport().unwrap(), settings.as_ref()).unwrap()
-        };
+        let at = |nm: f64| lobes(&request.at_wavelength(nm).transport().unwrap(), settings.as_ref()).unwrap();
         let all: Vec<f64> = bands.all_nm().collect();
         for nm in [391.0, 433.0, 487.0, 611.0, 693.0, 771.0] {
             let [(a, _), (b, t)] = bands.shares(nm);

@@ -2,7 +2,7 @@
 
 use lut_io::axis::{ExitAxis, MAX_WIDTH, Stretched};
 use transport::Geometry;
-use transport::doubling::{Azimuth, Cells, Matrix, SingleReflection, Solution};
+use transport::doubling::{Azimuth, Cells, SingleReflection, Solution};
 
 /// Columns of a plane table: cells of 0.07 σ-widths at the lobe's centre keep the reading error near 5e-4.
 const PLANE_CELLS: usize = 128;
@@ -48,7 +48,11 @@ impl CellRule {
                 *weight *= angle.sin();
             }
         }
-        let sectors = phi.iter().flat_map(|phi| (0..=phi.cells).map(|edge| phi.at(edge as f64))).collect();
+        let edges = |phi: &Stretched| -> Vec<f64> {
+            let at = phi.with_slope();
+            (0..=phi.cells).map(|edge| at(edge as f64).0).collect()
+        };
+        let sectors = phi.as_ref().map(edges).unwrap_or_default();
         let rows = axis.rows_per_incidence();
         Self { angles, weights, columns: columns.cells, rows, sectors }
     }
@@ -58,14 +62,17 @@ impl CellRule {
         solution.cells(&self.angles, &self.weights, self.columns, &self.sectors)
     }
 
+    /// Integrals over the cells of a plane of a density at the points of their rule.
+    fn by_column(&self, density: impl Iterator<Item = f64>) -> Vec<f64> {
+        let values: Vec<f64> = density.zip(&self.weights).map(|(density, weight)| density * weight).collect();
+        values.chunks_exact(self.angles.len() / self.columns).map(|cell| cell.iter().sum()).collect()
+    }
+
     /// Integral of the single reflection over each cell. In space its ridge in φ may be narrower than a cell near the horizon: cells
     /// are divided there.
     pub(super) fn single_shares(&self, lobe: &SingleReflection) -> Vec<f64> {
         if self.sectors.is_empty() {
-            let points = self.angles.len() / self.columns;
-            let values = self.angles.iter().zip(&self.weights).map(|(s, weight)| weight * lobe.plane(*s));
-            let values: Vec<f64> = values.collect();
-            return values.chunks_exact(points).map(|cell| cell.iter().sum()).collect();
+            return self.by_column(self.angles.iter().map(|s| lobe.plane(*s)));
         }
         let columns = self.columns;
         let mut shares = vec![0.0; self.rows * columns];
@@ -128,8 +135,8 @@ const STEEPEST: f64 = 9.0;
 const WIDEST_RIDGE: f64 = 9.0;
 
 /// Light by cell. Truncated series may dip below zero where there is next to none.
-pub(super) fn light(shares: &Matrix) -> Vec<f64> {
-    shares.values().iter().map(|share| share.max(0.0)).collect()
+pub(super) fn light(shares: &[f64]) -> Vec<f64> {
+    shares.iter().map(|share| share.max(0.0)).collect()
 }
 
 /// Share of the incident light in each cell, by component, scaled to the share that the solution knows without cells: where a
@@ -138,7 +145,6 @@ pub(super) fn light(shares: &Matrix) -> Vec<f64> {
 pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize) -> [Vec<f64>; 3] {
     let lobe = &solution.lobes[incidence];
     let rule = CellRule::new(axis, lobe.theta_i);
-    let cells = rule.of(solution);
     let scaled = |mut shares: Vec<f64>, known: f64| {
         let integrated: f64 = shares.iter().sum();
         // Less than rounding has no sign, and no shape.
@@ -147,8 +153,20 @@ pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize
         }
         shares
     };
-    let interior = scaled(light(&solution.interior_shares(incidence, &cells)), lobe.albedo - lobe.surface);
-    let rehit = scaled(light(&solution.rehit_shares(incidence, &cells)), lobe.rehit);
+    let [interior, rehit] = match axis {
+        ExitAxis::Plane { .. } => {
+            let densities = solution.along(incidence, &rule.angles);
+            densities.map(|density| rule.by_column(density.into_iter()))
+        }
+        ExitAxis::Space { .. } => {
+            let cells = rule.of(solution);
+            let parts =
+                [solution.interior_shares(incidence, &cells), solution.rehit_shares(incidence, &cells)];
+            parts.map(|part| part.values().to_vec())
+        }
+    };
+    let interior = scaled(light(&interior), lobe.albedo - lobe.surface);
+    let rehit = scaled(light(&rehit), lobe.rehit);
     let single = scaled(rule.single_shares(solution.single_reflection(incidence)), lobe.surface - lobe.rehit);
     let surface = single.iter().zip(&rehit).map(|(single, rehit)| single + rehit).collect();
     [interior, surface, rehit]
@@ -159,9 +177,13 @@ const FAINTEST: f64 = 1e-13;
 
 /// Points and weights of a Gauss rule repeated in every cell of an axis.
 fn gauss(axis: &Stretched, rule: &[(f64, f64)]) -> (Vec<f64>, Vec<f64>) {
+    let at = axis.with_slope();
     (0..axis.cells)
         .flat_map(|cell| rule.iter().map(move |&(t, weight)| (cell as f64 + t, weight)))
-        .map(|(position, weight)| (axis.at(position), weight * axis.slope(position)))
+        .map(|(position, weight)| {
+            let (x, slope) = at(position);
+            (x, weight * slope)
+        })
         .unzip()
 }
 

@@ -94,10 +94,7 @@ impl Grid {
     ///
     /// # Errors
     /// A bad request; [`BakeError::Interrupted`].
-    pub(super) fn of(
-        stop: &AtomicBool,
-        request: &Request,
-    ) -> Result<(Self, Vec<Arc<Checked>>), BakeError> {
+    pub(super) fn of(stop: &AtomicBool, request: &Request) -> Result<(Self, Vec<Arc<Checked>>), BakeError> {
         let options = &request.options;
         options.check()?;
         let transport = request.transport()?;

@@ -12,7 +12,7 @@ use lut_io::table::Component;
 use lut_io::{decay, measure};
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
-use transport::doubling::{Matrix, Solution, component_scale};
+use transport::doubling::{Solution, component_scale};
 
 /// Positions at which a lobe is sampled to read between rows: one φ and many signed exit angles (plane), φ and θo (space).
 const PLANE_SAMPLES: [usize; 2] = [1, 192];
@@ -97,7 +97,6 @@ impl Sample {
                 (azimuths, weights.collect(), 0.0)
             }
         };
-        let basis = solution.basis(&angles, &azimuths);
         // Scaled to the light that the solution knows without samples.
         let scaled = |density: &[f64], known: f64| -> Vec<f64> {
             let values: Vec<f64> = density.iter().map(|value| value.max(0.0)).collect();
@@ -105,13 +104,22 @@ impl Sample {
             let scale = if sum > 0.0 { known.max(0.0) / sum } else { 0.0 };
             values.into_iter().map(|value| value * scale).collect()
         };
-        let columns = angles.len();
-        let flat = |density: Matrix| -> Vec<f64> {
-            (0..weights.len()).map(|k| density[(k % columns, k / columns)]).collect()
+        let [interior, rehit, single] = match axis {
+            ExitAxis::Plane { .. } => {
+                let [interior, rehit] = solution.along(incidence, &angles);
+                let lobe = solution.single_reflection(incidence);
+                [interior, rehit, angles.iter().map(|s| lobe.plane(*s)).collect()]
+            }
+            ExitAxis::Space { .. } => {
+                let basis = solution.basis(&angles, &azimuths);
+                let parts = [Solution::interior, Solution::rehit, Solution::single];
+                // Columns of a matrix lie one behind the other.
+                parts.map(|part| part(solution, incidence, &basis).values().to_vec())
+            }
         };
-        let interior = scaled(&flat(solution.interior(incidence, &basis)), lobe.albedo - lobe.surface);
-        let rehit = scaled(&flat(solution.rehit(incidence, &basis)), lobe.rehit);
-        let single = scaled(&flat(solution.single(incidence, &basis)), lobe.surface - lobe.rehit);
+        let interior = scaled(&interior, lobe.albedo - lobe.surface);
+        let rehit = scaled(&rehit, lobe.rehit);
+        let single = scaled(&single, lobe.surface - lobe.rehit);
         let surface = single.iter().zip(&rehit).map(|(single, rehit)| single + rehit).collect();
         let shares = [lobe.albedo - lobe.surface, lobe.surface, lobe.rehit].map(|share| share.max(0.0));
         Self { theta_i: lobe.theta_i, width, shares, values: [interior, surface, rehit], weights }
@@ -269,10 +277,11 @@ pub(super) fn with_middles(theta_i: &[f64]) -> Vec<f64> {
 /// The positions of samples along an axis, and dx of each.
 fn midpoints(axis: &Stretched, count: usize) -> (Vec<f64>, Vec<f64>) {
     let step = axis.cells as f64 / count as f64;
+    let at = axis.with_slope();
     (0..count)
         .map(|k| {
-            let position = (k as f64 + 0.5) * step;
-            (axis.at(position), axis.slope(position) * step)
+            let (x, slope) = at((k as f64 + 0.5) * step);
+            (x, slope * step)
         })
         .unzip()
 }
@@ -297,7 +306,7 @@ fn spread(theta_i: f64, width: f64, angles: &[f64]) -> Vec<[f64; AZIMUTHS]> {
     let at = |s: &f64| {
         let x = decay::concentration(theta_i, *s, width);
         let side = |decay: f64| if *s >= 0.0 { decay } else { 1.0 - decay };
-        let shape = cosines.map(|cosine| side(decay::decay(x, cosine)));
+        let shape = decay::decays(x, cosines).map(side);
         let mean: f64 = shape.iter().zip(&AROUND).map(|(shape, share)| shape * share).sum();
         shape.map(|shape| shape / mean.max(f64::MIN_POSITIVE))
     };

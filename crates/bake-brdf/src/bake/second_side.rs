@@ -38,12 +38,12 @@ pub(super) fn of(
         let side = if passage == Passage::Transmitted { solution } else { below };
         let cells = rule.of(side);
         if passage != Passage::BelowReflected {
-            return light(&side.transmitted_shares(i, &cells));
+            return light(side.transmitted_shares(i, &cells).values());
         }
         let mut tabulated = side.interior_shares(i, &cells);
         tabulated += &side.rehit_shares(i, &cells);
         let single = rule.single_shares(side.single_reflection(i));
-        light(&tabulated).iter().zip(single).map(|(share, single)| share + single).collect()
+        light(tabulated.values()).iter().zip(single).map(|(share, single)| share + single).collect()
     };
     second_side(request, transport, axis, [&solution.lobes, &below.lobes], &accuracy, &rows)
 }

@@ -65,7 +65,7 @@ impl Stretched {
     }
 
     /// [`Self::at`] and [`Self::slope`] as one function of the position, for many positions.
-    pub(crate) fn with_slope(&self) -> impl Fn(f64) -> (f64, f64) {
+    pub fn with_slope(&self) -> impl Fn(f64) -> (f64, f64) + use<> {
         let Self { lo, centre, hi, width, .. } = *self;
         let range = |room: f64| (room / width).asinh();
         // Cells a side; a one-sided axis has all of them above its centre.

@@ -24,6 +24,19 @@ pub fn decay(x: f64, cos_phi: f64) -> f64 {
     decayed * (-(-2.0 * x * reach).exp_m1()) / -(-2.0 * x).exp_m1()
 }
 
+/// [`decay`] at several azimuths; as a share of 1, not of itself, it is exact to rounding.
+#[must_use]
+pub fn decays<const N: usize>(x: f64, cos_phi: [f64; N]) -> [f64; N] {
+    // Below, the difference of the exponentials would lose digits.
+    const LEAST: f64 = 0.1;
+    if x < LEAST {
+        return cos_phi.map(|cos_phi| decay(x, cos_phi));
+    }
+    let end = (-2.0 * x).exp();
+    let scale = 1.0 / (1.0 - end);
+    cos_phi.map(|cos_phi| (((cos_phi - 1.0) * x).exp() - end) * scale)
+}
+
 /// Mean of D over all azimuths, (e^{−x}I₀(x) − e^{−2x}) / (1 − e^{−2x}).
 #[must_use]
 pub fn mean_decay(x: f64) -> f64 {
@@ -174,6 +187,17 @@ mod tests {
             assert!((decay(x, cos_phi) - naive).abs() < 1e-14);
         }
         assert!(decay(1e9, 0.5) == 0.0 && decay(0.0, 0.0) == 0.5);
+    }
+
+    #[test]
+    fn several_decays_are_each_by_itself() {
+        let cosines = [-1.0, -0.99, -0.3, 0.0, 0.6, 0.999, 1.0];
+        for x in [0.0, 1e-6, 0.099, 0.1, 0.7, 30.0, 4e4] {
+            for (found, cosine) in decays(x, cosines).into_iter().zip(cosines) {
+                let expected = decay(x, cosine);
+                assert!((found - expected).abs() <= 4e-15, "{x} {cosine}: {found} {expected}");
+            }
+        }
     }
 
     #[test]

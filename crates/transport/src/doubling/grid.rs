@@ -3,6 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::OnceLock;
 
+use pulp::Arch;
 use thinfilm::quadrature::{Rule, gauss_legendre};
 
 use super::matrix::Matrix;
@@ -153,6 +154,35 @@ impl Grid {
         all
     }
 
+    /// Plane: some functions at signed angles, from their coefficients in both parities (columns), by the barycentric formula itself.
+    pub(super) fn interpolated<const F: usize>(&self, s: &[f64], functions: [&Matrix; F]) -> [Vec<f64>; F] {
+        assert_eq!(self.geometry, Geometry::Plane, "signed angles are those of a plane");
+        // At each node of the rule on [−1, 1].
+        let n = self.len();
+        let at_node = |function: &Matrix, k: usize| match k.checked_sub(n) {
+            Some(j) => function[(j, 0)] + function[(j, 1)],
+            None => function[(n - 1 - k, 0)] - function[(n - 1 - k, 1)],
+        };
+        let nodes: Vec<(f64, f64, [f64; F])> = (0..2 * n)
+            .zip(&self.barycentric)
+            .map(|(k, (node, weight))| (*node, *weight, functions.map(|function| at_node(function, k))))
+            .collect();
+        let arguments: Vec<f64> = s.iter().map(|s| self.argument(*s)).collect();
+        let mut values = functions.map(|_| Vec::with_capacity(s.len()));
+        Arch::new().dispatch(|| {
+            for chunk in arguments.chunks(TOGETHER) {
+                // Beyond all nodes, where it does no harm.
+                let mut t = [2.0; TOGETHER];
+                t[..chunk.len()].copy_from_slice(chunk);
+                let sums = barycentric_sums(&t, &nodes);
+                for (values, sums) in values.iter_mut().zip(sums) {
+                    values.extend_from_slice(&sums[..chunk.len()]);
+                }
+            }
+        });
+        values
+    }
+
     /// Factor that turns the deposit at node j of a mode into the density there: per radian of s (plane), per
     /// steradian (space).
     pub(super) fn density_factor(&self, j: usize, mode: usize) -> f64 {
@@ -185,6 +215,35 @@ impl Grid {
             })
             .collect()
     }
+}
+
+/// Arguments that [`barycentric_sums`] has in registers.
+const TOGETHER: usize = 16;
+
+/// Functions at some arguments, from nodes, barycentric weights and values there.
+#[inline(always)]
+fn barycentric_sums<const F: usize>(
+    t: &[f64; TOGETHER],
+    nodes: &[(f64, f64, [f64; F])],
+) -> [[f64; TOGETHER]; F] {
+    let (mut ones, mut sums) = ([0.0; TOGETHER], [[0.0; TOGETHER]; F]);
+    for (node, weight, values) in nodes {
+        for k in 0..TOGETHER {
+            let share = weight / (t[k] - node);
+            ones[k] += share;
+            for f in 0..F {
+                sums[f][k] += share * values[f];
+            }
+        }
+    }
+    for k in 0..TOGETHER {
+        // On a node the formula is ∞/∞.
+        let on = if ones[k].is_finite() { None } else { nodes.iter().find(|(node, ..)| *node == t[k]) };
+        for f in 0..F {
+            sums[f][k] = on.map_or(sums[f][k] / ones[k], |(.., values)| values[f]);
+        }
+    }
+    sums
 }
 
 /// Nodes and barycentric weights (−1)ᵏ√((1 − t²)w) of a Gauss–Legendre rule (Wang & Xiang, Math. Comp. 81, 2012, 861).
@@ -241,6 +300,25 @@ mod tests {
                     (even[(0, j)] - expected).abs() < 1e-11 && (odd[(0, j)] - expected).abs() < 1e-11,
                     "{geometry:?} {j}"
                 );
+            }
+        }
+    }
+
+    #[test]
+    fn functions_along_a_line_are_the_sums_of_their_cardinal_functions() {
+        let grid = Grid::new(Geometry::Plane, 41);
+        let coefficients = [1.0, -3.0]
+            .map(|f| Matrix::from_fn(41, 2, |j, parity| (f * j as f64 + 0.3 * parity as f64).sin()));
+        let mut s: Vec<f64> = (0..45).map(|k| 0.07 * f64::from(k) - 1.55).collect();
+        s.extend([grid.theta[0], -grid.theta[7], 0.0, FRAC_PI_2]);
+        let found = grid.interpolated(&s, coefficients.each_ref());
+        let [even, odd] = grid.cardinals(&s);
+        for (found, function) in found.iter().zip(&coefficients) {
+            assert_eq!(found.len(), s.len());
+            for (k, found) in found.iter().enumerate() {
+                let terms = (0..41).map(|j| even[(k, j)] * function[(j, 0)] + odd[(k, j)] * function[(j, 1)]);
+                let expected: f64 = terms.sum();
+                assert!((found - expected).abs() < 1e-13, "{}: {found} {expected}", s[k]);
             }
         }
     }

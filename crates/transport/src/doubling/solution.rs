@@ -270,6 +270,15 @@ impl Solution {
         evaluate(&self.interior[incidence], &basis.values)
     }
 
+    /// [`Self::interior`] and [`Self::rehit`] of one incidence at signed exit angles, radians: without basis functions, which serve many.
+    ///
+    /// # Panics
+    /// If the solution is one in space.
+    #[must_use]
+    pub fn along(&self, incidence: usize, s: &[f64]) -> [Vec<f64>; 2] {
+        self.grid.interpolated(s, [&self.interior[incidence], &self.rehit[incidence]])
+    }
+
     /// Density of the transmitted light in the substrate, per radian of signed angle or per steradian.
     #[must_use]
     pub fn transmitted(&self, incidence: usize, basis: &Basis) -> Matrix {
