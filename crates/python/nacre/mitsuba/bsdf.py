@@ -13,7 +13,7 @@ from . import controls as parameters
 from . import curves, table
 from .colours import LUMINANCE, Palette, chances
 from .layer import Layer, hats
-from .lobes import Pair, Polar
+from .lobes import Pair, Polar, at_least, clip
 from .paint import Light, Thickness
 from .store import Types, reachable
 from .table import PearlError, Table
@@ -414,7 +414,7 @@ def _pearl(base):
                 # Light is traced the other way through the same surface: f is that of the viewer at wo.
                 back = Pair.of(pair.exit, pair.incidence)
                 value = self._shade(ctx, si, back, self.layers[0].seen(back), lit)
-                value = value * (pair.exit.cos / dr.maximum(pair.incidence.cos, 1e-12))
+                value = value * (pair.exit.cos / at_least(pair.incidence.cos, 1e-12))
             return dr.select(active, value, self.types.UnpolarizedSpectrum(0.0)), pdf
 
         def _density(self, chance, pair, at, exit, cells):
@@ -422,7 +422,7 @@ def _pearl(base):
             surface = self.facets.pdf(pair.incidence, pair.half)
             total = chance[0] + chance[1] + chance[2] + chance[3]
             # Of the incidence alone: computed once for all directions.
-            scale = dr.select(total > 0.0, 1.0 / dr.maximum(total, 1e-12), 0.0)
+            scale = dr.select(total > 0.0, 1.0 / at_least(total, 1e-12), 0.0)
             pdf = chance[_INTERIOR] * interior + chance[_REHIT] * rehit + chance[_SURFACE] * surface
             return scale * (pdf + chance[_BASE] * pair.exit.cos * (1.0 / _PI))
 
@@ -454,8 +454,8 @@ def _pearl(base):
             likeliest, most = types.UInt32(0), chance[0]
             for k in (1, 2, 3):
                 likeliest = dr.select(chance[k] > most, types.UInt32(k), likeliest)
-                most = dr.maximum(most, chance[k])
-            return dr.select(chosen, part, likeliest), dr.clip(dr.select(chosen, left / of, 1.0), 0.0, 1.0 - 6e-8)
+                most = at_least(most, chance[k])
+            return dr.select(chosen, part, likeliest), clip(dr.select(chosen, left / of, 1.0), 0.0, 1.0 - 6e-8)
 
         def _direction(self, polar, sin, cos, phi):
             """The direction at θo and at azimuth φ from the mirror direction of wi."""
@@ -466,14 +466,14 @@ def _pearl(base):
         def _cosine_hemisphere(self, sample):
             sin_phi, cos_phi = dr.sincos(2.0 * _PI * sample.y)
             sin = dr.sqrt(sample.x)
-            return self.types.Vector3f(sin * cos_phi, sin * sin_phi, dr.sqrt(dr.maximum(1.0 - sample.x, 0.0)))
+            return self.types.Vector3f(sin * cos_phi, sin * sin_phi, dr.sqrt(at_least(1.0 - sample.x, 0.0)))
 
         def _place(self, cos, sin=None):
             """The place of an angle on the grid of `curves`: node, and how far it is towards the next."""
-            cos = dr.clip(cos, 0.0, 1.0)
+            cos = clip(cos, 0.0, 1.0)
             # 1 − √cos in the form that does not cancel where the sine is known.
             gap = 1.0 - cos if sin is None else sin * sin / (1.0 + cos)
-            u = dr.sqrt(dr.maximum(gap, 0.0) / (1.0 + dr.sqrt(cos))) * float(curves.STEPS)
+            u = dr.sqrt(at_least(gap, 0.0) / (1.0 + dr.sqrt(cos))) * float(curves.STEPS)
             index = dr.minimum(self.types.floor(u), curves.STEPS - 1)
             return index, u - self.types.Float(index)
 

@@ -6,7 +6,7 @@ from functools import partial
 import drjit as dr
 
 from .colours import Deriver, NumPy, Palette, reflectances
-from .lobes import Facets, Tabulated
+from .lobes import Facets, Tabulated, at_least
 from .paint import Bands, Channels, Scaled
 
 
@@ -76,7 +76,7 @@ class Layer:
         larger = self.tabulated.incidence(pair.exit)
         exit = self.tabulated.exit(larger, pair.incidence, pair.y2)
         back = self.tabulated.eval(larger, exit, self.tabulated.read(larger, exit))
-        taken_over = pair.exit.cos / dr.maximum(pair.incidence.cos, 1e-12)
+        taken_over = pair.exit.cos / at_least(pair.incidence.cos, 1e-12)
         swap = pair.exit.cos < pair.incidence.cos
         return [dr.select(swap, b * taken_over, a) for a, b in zip(light, back)]
 

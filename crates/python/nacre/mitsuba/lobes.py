@@ -24,8 +24,23 @@ _LARGEST_CAP = 0.1
 _BELOW_ONE = 1.0 - 6e-8
 
 
+# Of what is no number these make the limit. Dr.Jit's own let it pass, and mind the signs of zeros, at several instructions more.
+
+
+def at_least(x, least):
+    return dr.select(x > least, x, least)
+
+
+def at_most(x, most):
+    return dr.select(x < most, x, most)
+
+
+def clip(x, least, most):
+    return at_most(at_least(x, least), most)
+
+
 def _sqrt(x):
-    return dr.sqrt(dr.maximum(x, 0.0))
+    return dr.sqrt(at_least(x, 0.0))
 
 
 def _difference_of_products(a, b, c, d):
@@ -51,8 +66,8 @@ class Polar:
     def of(cls, w):
         radius = dr.sqrt(w.x * w.x + w.y * w.y)
         steep = w.z > 0.7
-        sin = dr.select(steep, dr.minimum(radius, 1.0), _sqrt(dr.fma(-w.z, w.z, 1.0)))
-        small = dr.asin(dr.minimum(dr.select(steep, sin, w.z), 1.0))
+        sin = dr.select(steep, at_most(radius, 1.0), _sqrt(dr.fma(-w.z, w.z, 1.0)))
+        small = dr.asin(at_most(dr.select(steep, sin, w.z), 1.0))
         pole = radius < 1e-20
         plane = dr.select(pole, 1.0, w.x), dr.select(pole, 0.0, w.y)
         theta = dr.select(steep, small, _HALF_PI - small)
@@ -94,22 +109,22 @@ class Pair:
         (ix, iy), (ox, oy), scale = i.plane, o.plane, i.inverse_radius * o.inverse_radius
         sin_phi = scale * _difference_of_products(ix, oy, iy, ox)
         cos_phi = -scale * dr.fma(ix, ox, iy * oy)
-        near = dr.square(sin_phi) / (2.0 * (1.0 + dr.maximum(cos_phi, 0.0)))
-        y2 = dr.minimum(dr.select(cos_phi > 0.0, near, 0.5 * (1.0 - cos_phi)), 1.0)
+        near = dr.square(sin_phi) / (2.0 * (1.0 + at_least(cos_phi, 0.0)))
+        y2 = at_most(dr.select(cos_phi > 0.0, near, 0.5 * (1.0 - cos_phi)), 1.0)
         # sin θi − sin θo from whichever keeps its digits.
-        by_cos = (o.cos - i.cos) * (o.cos + i.cos) / dr.maximum(i.sin + o.sin, 0.1)
-        gap = dr.select(dr.minimum(i.cos, o.cos) > 0.7, i.sin - o.sin, by_cos)
+        by_cos = (o.cos - i.cos) * (o.cos + i.cos) / at_least(i.sin + o.sin, 0.1)
+        gap = dr.select(at_most(i.cos, o.cos) > 0.7, i.sin - o.sin, by_cos)
         along = dr.fma(2.0 * o.sin, y2, gap)
         across = o.sin * sin_phi
         up = i.cos + o.cos
         plane2 = dr.fma(along, along, across * across)
         length = dr.sqrt(dr.fma(up, up, plane2))
-        inverse_up = 1.0 / dr.maximum(up, _TINY)
+        inverse_up = 1.0 / at_least(up, _TINY)
         half = Half(
             dr.square(along * inverse_up),
             dr.square(across * inverse_up),
-            dr.minimum(up / dr.maximum(length, _TINY), 1.0),
-            dr.minimum(0.5 * length, 1.0),
+            at_most(up / at_least(length, _TINY), 1.0),
+            at_most(0.5 * length, 1.0),
         )
         return cls(i, o, y2, half)
 
@@ -124,13 +139,13 @@ class Facets:
 
     def _slopes(self, half):
         x = (half.p2 + half.q2) * (0.5 / self.sigma**2)
-        return dr.exp(-dr.minimum(x, 80.0)) * (1.0 / (2.0 * _PI * self.sigma**2))
+        return dr.exp(-at_most(x, 80.0)) * (1.0 / (2.0 * _PI * self.sigma**2))
 
     def fresnel(self, cos):
         """Unpolarised reflectance at the cosine of the local angle of incidence."""
         ratio = self.ratio
         cos_t2 = 1.0 - (1.0 - cos * cos) * (1.0 / (ratio * ratio))
-        cos_t = dr.sqrt(dr.maximum(cos_t2, 1e-12))
+        cos_t = dr.sqrt(at_least(cos_t2, 1e-12))
         s, p = cos + ratio * cos_t, ratio * cos + cos_t
         both = 1.0 / (s * p)
         s, p = (cos - ratio * cos_t) * p * both, (ratio * cos - cos_t) * s * both
@@ -138,18 +153,18 @@ class Facets:
 
     def _density(self, half):
         """Per steradian, as if no facet reflected downward."""
-        z = dr.maximum(half.z, 1e-6)
-        return 0.25 * self._slopes(half) / (z * z * z * dr.maximum(half.cos, 1e-6))
+        z = at_least(half.z, 1e-6)
+        return 0.25 * self._slopes(half) / (z * z * z * at_least(half.cos, 1e-6))
 
     def eval(self, half):
         """f·cos θo short of the factor that depends on θi alone."""
         light = self._density(half) * self.fresnel(half.cos)
-        return light * (dr.maximum(half.cos, 1e-6) / dr.maximum(half.z, 1e-6)) if self.visible else light
+        return light * (at_least(half.cos, 1e-6) / at_least(half.z, 1e-6)) if self.visible else light
 
     def pdf(self, incidence, half):
         """Density per steradian with which `sample` finds the direction."""
         kept = self._kept(*self._across(incidence)) * self._kept(*self._along(incidence, half.q2))
-        return dr.select(kept > 1e-12, self._density(half) / dr.maximum(kept, 1e-12), 0.0)
+        return dr.select(kept > 1e-12, self._density(half) / at_least(kept, 1e-12), 0.0)
 
     def sample(self, wi, incidence, u, v):
         """A direction and whether it is one: slopes from the normal distribution cut to where they reflect upward."""
@@ -166,15 +181,15 @@ class Facets:
 
     def _across(self, incidence):
         """Where along q facets can reflect above the horizon."""
-        reach = 1.0 / dr.maximum(incidence.cos, _TINY)
+        reach = 1.0 / at_least(incidence.cos, _TINY)
         return (None, None) if self.narrow else (-reach, reach)
 
     def _along(self, incidence, q2):
         """Where along p they do, at one q."""
         cos, sin = incidence.cos, incidence.sin
         chord = _sqrt(1.0 - q2 * cos * cos)
-        lo = None if self.narrow else -(sin + chord) / dr.maximum(cos, _TINY)
-        return lo, cos * (1.0 - q2) / dr.maximum(sin + chord, _TINY)
+        lo = None if self.narrow else -(sin + chord) / at_least(cos, _TINY)
+        return lo, cos * (1.0 - q2) / at_least(sin + chord, _TINY)
 
     def _integrals(self, lo, hi):
         """Twice the integral of the normal distribution from the middle to both limits."""
@@ -188,9 +203,9 @@ class Facets:
 
     def _truncated_normal(self, lo, hi, u):
         below, above = self._integrals(lo, hi)
-        x = dr.erfinv(dr.clip(below + u * (above - below), -_BELOW_ONE, _BELOW_ONE)) * (self.sigma * float(np.sqrt(2.0)))
-        x = x if lo is None else dr.maximum(x, lo)
-        return x if hi is None else dr.minimum(x, hi)
+        x = dr.erfinv(clip(below + u * (above - below), -_BELOW_ONE, _BELOW_ONE)) * (self.sigma * float(np.sqrt(2.0)))
+        x = x if lo is None else at_least(x, lo)
+        return x if hi is None else at_most(x, hi)
 
 
 class Warp:
@@ -356,12 +371,12 @@ class Tabulated:
         if self.regular_step is not None:
             x = polar.theta * (1.0 / self.regular_step)
             span = dr.minimum(types.floor(x), self.span_count - 1)
-            fraction = dr.clip(x - types.Float(span), 0.0, 1.0)
+            fraction = clip(x - types.Float(span), 0.0, 1.0)
             node, following = span, span + 1
         else:
             span = self.search.count(polar.theta)
             start, inverse, before, after = self.search.records.read(span)
-            fraction = dr.clip((polar.theta - start) * inverse, 0.0, 1.0)
+            fraction = clip((polar.theta - start) * inverse, 0.0, 1.0)
             node, following = types.floor(before), types.floor(after)
         step = fraction * self.span_steps
         index = dr.minimum(types.floor(step), self.span_steps - 1)
@@ -369,7 +384,7 @@ class Tabulated:
         interior, rehit, width, _ = self.along.between(record, step - types.Float(index))
         shares = self.shares.between(record, step - types.Float(index)) if self.sampled else []
         cap, total = shares[:2], shares[2:]
-        inverse_total = [dr.select(t > _TINY, 1.0 / dr.maximum(t, _TINY), 0.0) for t in total]
+        inverse_total = [dr.select(t > _TINY, 1.0 / at_least(t, _TINY), 0.0) for t in total]
 
         w2 = self.axis.width**2
         withdrawal = lambda room: w2 / (dr.sqrt(dr.fma(room, room, w2)) + room)
@@ -382,7 +397,7 @@ class Tabulated:
             concentration = polar.sin / (width * width)
         else:
             # tan of the centre = 1/tan of its elevation.
-            self_phi = Warp(self.axis.width * dr.tan(dr.maximum(room, 1e-7)), None, _PI, self.rows)
+            self_phi = Warp(self.axis.width * dr.tan(at_least(room, 1e-7)), None, _PI, self.rows)
         return Incidence(
             polar, node, following, fraction, [dr.rcp(interior), dr.rcp(rehit)], total, inverse_total, cap, columns, room, concentration, self_phi
         )
@@ -394,24 +409,24 @@ class Tabulated:
 
     def exit(self, at, polar, y2):
         """Where an exit direction lies in the table."""
-        steep = dr.minimum(at.polar.cos, polar.cos) > 0.7
+        steep = at_most(at.polar.cos, polar.cos) > 0.7
         gap = dr.select(steep, polar.theta - at.polar.theta, at.polar.elevation - polar.elevation)
         # θo − centre; the centre is θi + (elevation of θi − room).
         forward = gap - (at.polar.elevation - at.room)
         position, rate, root = at.columns.position(forward)
         cell = self._cell(position, self.columns)
         if not self.axis.plane:
-            phi, phi_rate, phi_root = at.phi.position(2.0 * dr.asin(dr.minimum(dr.sqrt(y2), 1.0)))
+            phi, phi_rate, phi_root = at.phi.position(2.0 * dr.asin(at_most(dr.sqrt(y2), 1.0)))
             # Half of it on either side of the plane of incidence.
-            rates = [0.5 * rate * phi_rate / dr.maximum(root * phi_root * polar.sin, _POLE**2)]
+            rates = [0.5 * rate * phi_rate / at_least(root * phi_root * polar.sin, _POLE**2)]
             return Exit([cell], rates, self._cell(phi, self.rows), None, polar.sin, y2)
         position, retro_rate, retro_root = at.columns.position(-polar.theta - (_HALF_PI - at.room))
-        inverse = 1.0 / (root * retro_root * dr.maximum(polar.sin, _POLE))
+        inverse = 1.0 / (root * retro_root * at_least(polar.sin, _POLE))
         rates = [rate * retro_root * inverse, retro_rate * root * inverse]
         return Exit([cell, self._cell(position, self.columns)], rates, None, at.concentration * polar.sin, polar.sin, y2)
 
     def _cell(self, position, cells):
-        from_first = dr.clip(position - 0.5, 0.0, cells - 1.0)
+        from_first = clip(position - 0.5, 0.0, cells - 1.0)
         index = dr.minimum(self.types.floor(from_first), cells - 2)
         return index, from_first - self.types.Float(index)
 
@@ -456,7 +471,7 @@ class Tabulated:
         types = self.types
         pick = lambda record: dr.select(rehit, record[1], record[0])
         near = (1.0 - at.fraction) * pick(self.total.read(at.node))
-        second, select = _split(select, near / dr.maximum(pick(at.total), _TINY))
+        second, select = _split(select, near / at_least(pick(at.total), _TINY))
         incidence = dr.select(second, at.following, at.node) + dr.select(rehit, types.UInt32(self.incidences), 0)
         phi, row = None, incidence * self.rows
         if not self.axis.plane:
@@ -466,16 +481,16 @@ class Tabulated:
             index, fraction = self._cell(position, self.rows)
             a, b, _ = self.among_rows.at(incidence, index)
             near, far = (1.0 - fraction) * a, fraction * b
-            second, select = _split(select, near / dr.maximum(near + far, _TINY))
+            second, select = _split(select, near / at_least(near + far, _TINY))
             row = row + index + dr.select(second, types.UInt32(1), 0)
-            phi = dr.minimum(at.phi.offset(position), _PI)
+            phi = at_most(at.phi.offset(position), _PI)
             phi = dr.select(mirrored, -phi, phi)
         position = self.along_row.invert(row, u)
         # Elevation of the signed exit angle: from 0 at the forward horizon to π at the retro one.
-        elevation = dr.clip(at.room - at.columns.offset(position), 0.0, _PI if self.axis.plane else _HALF_PI)
+        elevation = clip(at.room - at.columns.offset(position), 0.0, _PI if self.axis.plane else _HALF_PI)
         cos, sin = dr.sincos(elevation)
         if self.axis.plane:
-            forward = Forward(at.concentration * dr.maximum(sin, 0.0)).sample(v)
+            forward = Forward(at.concentration * at_least(sin, 0.0)).sample(v)
             phi = dr.select(sin >= 0.0, forward, _PI * (2.0 * v - 1.0))
         sin = dr.abs(sin)
         in_cap = (sin < self.cap_sin) & (cos > 0.0)
@@ -485,7 +500,7 @@ class Tabulated:
         if not self.axis.plane:
             edge, *_ = at.columns.position(self.cap - _HALF_PI + at.room)
             within = self.along_row.cumulated(row, edge, *self._cell(edge, self.columns))
-            area, turn = dr.clip(u / dr.maximum(within, _TINY), 0.0, 1.0), select
+            area, turn = clip(u / at_least(within, _TINY), 0.0, 1.0), select
         chord2 = float(np.sin(0.5 * self.cap) ** 2) * area
         cap_sin = 2.0 * dr.sqrt(chord2 * (1.0 - chord2))
         sin, cos = dr.select(in_cap, cap_sin, sin), dr.select(in_cap, 1.0 - 2.0 * chord2, cos)
@@ -522,10 +537,10 @@ class Distribution:
         # a·t + (b − a)·t²/2 = rest, in the form that does not cancel; before the first middle the density is constant.
         b = dr.select(above == 0, a, b)
         root = _sqrt(dr.fma(a, a, 2.0 * (b - a) * rest))
-        t = 2.0 * rest / dr.maximum(a + root, _TINY)
+        t = 2.0 * rest / at_least(a + root, _TINY)
         lowest = dr.select(above == 0, -0.5, 0.0)
         highest = dr.select(k == self.count - 1, 0.5, 1.0)
-        return types.Float(k) + 0.5 + dr.clip(t, lowest, highest)
+        return types.Float(k) + 0.5 + clip(t, lowest, highest)
 
 
 @dataclass
@@ -547,7 +562,7 @@ def _split(u, first):
     """Chooses the second of two by the probability of the first, and what is left of the random number."""
     second = u >= first
     rest, share = dr.select(second, u - first, u), dr.select(second, 1.0 - first, first)
-    return second, dr.clip(rest / dr.maximum(share, _TINY), 0.0, _BELOW_ONE)
+    return second, clip(rest / at_least(share, _TINY), 0.0, _BELOW_ONE)
 
 
 def _one_minus_exp(z):
@@ -557,16 +572,16 @@ def _one_minus_exp(z):
 
 def _decay(x, y2):
     """D(φ) at concentration x from y2 = sin²(φ/2)."""
-    x2 = 2.0 * dr.maximum(x, 1e-9)
+    x2 = 2.0 * at_least(x, 1e-9)
     ratio = _one_minus_exp(x2 * (1.0 - y2)) / _one_minus_exp(x2)
-    return dr.exp(-dr.minimum(x2 * y2, 80.0)) * ratio
+    return dr.exp(-at_most(x2 * y2, 80.0)) * ratio
 
 
 class Forward:
     """Density of φ that follows D within a bounded factor and inverts in closed form (pearl-bsdf, `azimuth`)."""
 
     def __init__(self, x):
-        self.k = dr.maximum(1.6 * _sqrt(x), 1e-2)
+        self.k = at_least(1.6 * _sqrt(x), 1e-2)
         e = dr.exp(-2.0 * self.k)
         # Numerator and denominator of tanh k.
         self.gap, self.sum = 1.0 - e, 1.0 + e
@@ -574,7 +589,7 @@ class Forward:
 
     def pdf(self, y2):
         """Density per radian of φ."""
-        e = dr.exp(-dr.minimum(2.0 * self.k * dr.sqrt(y2), 80.0))
+        e = dr.exp(-at_most(2.0 * self.k * dr.sqrt(y2), 80.0))
         # ¼·√(1 − y²)·k·sech²(ky)/tanh k.
         narrow = _sqrt(1.0 - y2) * self.k * e * self.sum / (dr.square(1.0 + e) * self.gap)
         return (1.0 - self.narrow) * (0.5 / _PI) + self.narrow * narrow
@@ -584,9 +599,9 @@ class Forward:
         negative = u >= 0.5
         u = dr.select(negative, 2.0 * u - 1.0, 2.0 * u)
         broad = u >= self.narrow
-        v = (u - self.narrow) / dr.maximum(1.0 - self.narrow, _TINY)
-        t = dr.minimum(u / dr.maximum(self.narrow, _TINY), 1.0) * self.gap / self.sum
-        t = dr.clip(t, 0.0, _BELOW_ONE)
-        y = dr.minimum(0.5 * dr.log((1.0 + t) / (1.0 - t)) / self.k, 1.0)
-        phi = dr.select(broad, _PI * dr.minimum(v, 1.0), 2.0 * dr.asin(y))
+        v = (u - self.narrow) / at_least(1.0 - self.narrow, _TINY)
+        t = at_most(u / at_least(self.narrow, _TINY), 1.0) * self.gap / self.sum
+        t = clip(t, 0.0, _BELOW_ONE)
+        y = at_most(0.5 * dr.log((1.0 + t) / (1.0 - t)) / self.k, 1.0)
+        phi = dr.select(broad, _PI * at_most(v, 1.0), 2.0 * dr.asin(y))
         return dr.select(negative, -phi, phi)

@@ -11,6 +11,7 @@ import drjit as dr
 import numpy as np
 
 from . import curves
+from .lobes import at_least, clip
 
 _PI = float(np.pi)
 _NODES = np.arange(curves.NODES)
@@ -30,7 +31,7 @@ class Light:
         the base (`_base`)."""
         # At no viewing angle does the base send out more than it receives.
         sent = body * dr.fma(self.depth, emission - 1.0, 1.0)
-        matte = body * scale / dr.maximum(sent, 1.0) * rest_i * rest_o * self.cos_o
+        matte = body * scale / at_least(sent, 1.0) * rest_i * rest_o * self.cos_o
         return factor * limit, matte * self.diffuse, matte * (self.incoherent * emission)
 
 
@@ -165,7 +166,7 @@ class Bands:
         return [self._at(light, places, body[k], wavelengths[k], mean) for k in range(len(wavelengths))]
 
     def _at(self, light, places, body, nm, mean):
-        x = dr.clip((nm - self.first) * self.per_nm, 0.0, float(self.last))
+        x = clip((nm - self.first) * self.per_nm, 0.0, float(self.last))
         band = dr.minimum(self.types.floor(x), self.last - 1)
 
         def read(store, place):
