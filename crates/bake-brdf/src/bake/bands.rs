@@ -246,7 +246,7 @@ fn lobes(transport: &Transport, settings: Option<&Settings>) -> Result<Lobes, Ba
 fn choose(nodes: &[f64], lobes: &[&Lobes], own: f64, share: f64) -> (Vec<f64>, f64) {
     let at_own = nodes.iter().position(|nm| *nm == own).unwrap_or(0);
     let change =
-        lobes.iter().map(|other| missed(&lobes[at_own], &lobes[at_own], 0.0, other)).fold(0.0, f64::max);
+        lobes.iter().map(|other| missed(lobes[at_own], lobes[at_own], 0.0, other)).fold(0.0, f64::max);
     if change <= share {
         return (Vec::new(), change);
     }
@@ -254,7 +254,7 @@ fn choose(nodes: &[f64], lobes: &[&Lobes], own: f64, share: f64) -> (Vec<f64>, f
     let between = |lo: usize, hi: usize| {
         let inner = lo + 1..hi;
         let t = |i: usize| (nodes[i] - nodes[lo]) / (nodes[hi] - nodes[lo]);
-        inner.map(|i| missed(&lobes[lo], &lobes[hi], t(i), &lobes[i])).fold(0.0, f64::max)
+        inner.map(|i| missed(lobes[lo], lobes[hi], t(i), lobes[i])).fold(0.0, f64::max)
     };
     let mut bands = vec![at_own];
     let mut lo = at_own;
@@ -272,7 +272,7 @@ fn choose(nodes: &[f64], lobes: &[&Lobes], own: f64, share: f64) -> (Vec<f64>, f
     let finest = (1..nodes.len() - 1)
         .map(|i| {
             let t = (nodes[i] - nodes[i - 1]) / (nodes[i + 1] - nodes[i - 1]);
-            0.25 * missed(&lobes[i - 1], &lobes[i + 1], t, &lobes[i])
+            0.25 * missed(lobes[i - 1], lobes[i + 1], t, lobes[i])
         })
         .fold(0.0, f64::max);
     (bands.into_iter().filter(|i| *i != at_own).map(|i| nodes[i]).collect(), read.max(finest))

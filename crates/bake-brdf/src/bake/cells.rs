@@ -40,8 +40,8 @@ impl CellRule {
     /// The rule over the cells of a row whose lobe is centred at `specular` (radians).
     pub(super) fn new(axis: &ExitAxis, specular: f64) -> Self {
         let columns = axis.columns_at(specular);
-        let rule: &[(f64, f64)] = if columns.cells < FINE_COLUMNS { &GAUSS_3 } else { &GAUSS_2 };
-        let (angles, mut weights) = gauss(&columns, rule);
+        let fine = columns.cells >= FINE_COLUMNS;
+        let (angles, mut weights) = if fine { gauss(&columns, &GAUSS_2) } else { gauss(&columns, &GAUSS_3) };
         let phi = axis.phi_at(specular);
         if phi.is_some() {
             for (weight, angle) in weights.iter_mut().zip(&angles) {
@@ -176,15 +176,13 @@ pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize
 const FAINTEST: f64 = 1e-13;
 
 /// Points and weights of a Gauss rule repeated in every cell of an axis.
-fn gauss(axis: &Stretched, rule: &[(f64, f64)]) -> (Vec<f64>, Vec<f64>) {
-    let at = axis.with_slope();
-    (0..axis.cells)
-        .flat_map(|cell| rule.iter().map(move |&(t, weight)| (cell as f64 + t, weight)))
-        .map(|(position, weight)| {
-            let (x, slope) = at(position);
-            (x, weight * slope)
-        })
-        .unzip()
+fn gauss<const N: usize>(axis: &Stretched, rule: &[(f64, f64); N]) -> (Vec<f64>, Vec<f64>) {
+    let points = axis.by_steps(1.0, rule.map(|(t, _)| t));
+    let weighted = |cell: usize| {
+        let points = points(cell);
+        std::array::from_fn::<_, N, _>(|k| (points[k].0, rule[k].1 * points[k].1))
+    };
+    (0..axis.cells).flat_map(weighted).unzip()
 }
 
 /// Gauss–Legendre rules on [0, 1].
@@ -238,8 +236,7 @@ mod tests {
     #[test]
     fn the_gauss_rules_integrate_cells() {
         let axis = ExitAxis::Plane { cells: 128, width: 0.07 }.columns_at(0.6);
-        for rule in [&GAUSS_2[..], &GAUSS_3] {
-            let (points, weights) = gauss(&axis, rule);
+        for (points, weights) in [gauss(&axis, &GAUSS_2), gauss(&axis, &GAUSS_3)] {
             let length: f64 = weights.iter().sum();
             let integral: f64 = points.iter().zip(&weights).map(|(s, w)| w * s.cos()).sum();
             // Two points a cell leave 1e-8 on a cosine.

@@ -277,10 +277,10 @@ pub(super) fn with_middles(theta_i: &[f64]) -> Vec<f64> {
 /// The positions of samples along an axis, and dx of each.
 fn midpoints(axis: &Stretched, count: usize) -> (Vec<f64>, Vec<f64>) {
     let step = axis.cells as f64 / count as f64;
-    let at = axis.with_slope();
+    let middle = axis.by_steps(step, [0.5]);
     (0..count)
         .map(|k| {
-            let (x, slope) = at((k as f64 + 0.5) * step);
+            let [(x, slope)] = middle(k);
             (x, slope * step)
         })
         .unzip()

@@ -84,6 +84,39 @@ impl Stretched {
         }
     }
 
+    /// [`Self::with_slope`] at the positions (k + offset)·step of a number k: what depends on the offsets is worked out once. The centre lies
+    /// at no position between k·step and (k + 1)·step.
+    pub fn by_steps<const N: usize>(
+        &self,
+        step: f64,
+        offsets: [f64; N],
+    ) -> impl Fn(usize) -> [(f64, f64); N] + use<N> {
+        let Self { lo, centre, hi, width, .. } = *self;
+        let range = |room: f64| (room / width).asinh();
+        let (cells, start, first) = if self.one_sided() {
+            (self.cells as f64, lo, 0.0)
+        } else {
+            (0.5 * self.cells as f64, centre, 1.0)
+        };
+        let side = |range: f64| {
+            let within = offsets.map(|offset| offset * step / cells * range);
+            (range, within.map(f64::sinh), within.map(f64::cosh))
+        };
+        let (below, above) = (side(range(centre - lo)), side(range(hi - start)));
+        move |k| {
+            let k = k as f64;
+            let (range, sinh, cosh) = if (k + 0.5) * step >= first * cells { above } else { below };
+            // Sums of arguments: sinh(a + b) = sinh a cosh b + cosh a sinh b.
+            let grown = ((k * step / cells - first) * range).exp();
+            let (sinh_a, cosh_a) = (0.5 * (grown - 1.0 / grown), 0.5 * (grown + 1.0 / grown));
+            let slope = width * range / cells;
+            std::array::from_fn(|j| {
+                let x = start + width * (sinh_a * cosh[j] + cosh_a * sinh[j]);
+                (x.clamp(lo, hi), slope * (cosh_a * cosh[j] + sinh_a * sinh[j]))
+            })
+        }
+    }
+
     /// The `cells + 1` cell edges, ascending, the ends exact.
     #[must_use]
     pub fn edges(&self) -> Vec<f64> {
@@ -254,6 +287,26 @@ mod tests {
                 // Near the centre x = c + δ loses δ's last digits to the rounding of c.
                 let lost = 1e-14 / axis.slope(position);
                 assert!((back - position).abs() < 1e-9 + lost, "{axis:?} {position} {back}");
+            }
+        }
+    }
+
+    #[test]
+    fn positions_by_steps_are_those_one_by_one() {
+        for axis in axes() {
+            let at = axis.with_slope();
+            for (step, count) in [(0.5, 2 * axis.cells), (1.0, axis.cells)] {
+                let offsets = [0.03, 0.5, 0.97];
+                let by_steps = axis.by_steps(step, offsets);
+                for k in 0..count {
+                    for ((x, slope), offset) in by_steps(k).into_iter().zip(offsets) {
+                        let (true_x, true_slope) = at((k as f64 + offset) * step);
+                        // The exponent of the distance from the centre is rounded, at up to 17, and so is x.
+                        let rounding = 1e-14 * ((true_x - axis.centre).abs() + axis.width + true_x.abs());
+                        assert!((x - true_x).abs() < rounding, "{axis:?} {k} {offset}: {x} {true_x}");
+                        assert!((slope / true_slope - 1.0).abs() < 1e-13, "{axis:?} {k} {offset}");
+                    }
+                }
             }
         }
     }

@@ -74,14 +74,8 @@ pub fn value_factors(shares: &[f64], extents: &[f64], weights: &[f64]) -> Vec<f6
 fn hat_integrals(axis: &Stretched, density: impl Fn([f64; NODES]) -> [f64; NODES]) -> Vec<f64> {
     let mut integrals = vec![0.0; axis.cells];
     let at = axis.with_slope();
-    let mut add = |from: f64, to: f64, graded: bool| {
-        // Graded: u = from + (to − from)·t², so that a √x start is integrated as a polynomial.
-        let nodes = GAUSS_LEGENDRE.map(|(t, weight)| {
-            let (step, slope) = if graded { (t * t, 2.0 * t) } else { (t, 1.0) };
-            let u = from + (to - from) * step;
-            let (x, x_slope) = at(u);
-            (u, x, weight * slope * (to - from).abs() * x_slope)
-        });
+    let halves = axis.by_steps(0.5, GAUSS_LEGENDRE.map(|(t, _)| t));
+    let mut add = |nodes: [(f64, f64, f64); NODES]| {
         let densities = density(nodes.map(|(_, x, _)| x));
         for ((u, _, weight), density) in nodes.into_iter().zip(densities) {
             let mass = weight * density;
@@ -92,16 +86,28 @@ fn hat_integrals(axis: &Stretched, density: impl Fn([f64; NODES]) -> [f64; NODES
             }
         }
     };
+    // u = from + (to − from)·t², so that a √x start is integrated as a polynomial.
+    let graded = |from: f64, to: f64| {
+        GAUSS_LEGENDRE.map(|(t, weight)| {
+            let u = from + (to - from) * t * t;
+            let (x, slope) = at(u);
+            (u, x, weight * 2.0 * t * (to - from).abs() * slope)
+        })
+    };
     // Half cells: the hats have their kinks at centres, the axis has one at the edge in its middle, and the
     // density of a plane row has one at s = 0, where D̄ may start as √s.
     let kink = if axis.lo < 0.0 { axis.position(0.0) } else { 0.0 };
     for half in 0..2 * axis.cells {
         let (from, to) = (0.5 * half as f64, 0.5 * (half + 1) as f64);
         if from <= kink && kink <= to {
-            add(kink, from, true);
-            add(kink, to, true);
+            add(graded(kink, from));
+            add(graded(kink, to));
         } else {
-            add(from, to, false);
+            let at = halves(half);
+            add(std::array::from_fn(|k| {
+                let ((t, weight), (x, slope)) = (GAUSS_LEGENDRE[k], at[k]);
+                (from + 0.5 * t, x, 0.5 * weight * slope)
+            }));
         }
     }
     integrals
