@@ -48,8 +48,9 @@ fn the_ledger_closes_for_every_kind_of_stack() {
         r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":25}}"#,
         r#"{"stack":{"layers":20},"facets":{"slope_sd_deg":0}}"#,
     ] {
-        for mode in ["decay", "space"] {
-            let args = ["--paths", "2000", "--incident-deg", "0,30,89.9,90", "--azimuth", mode];
+        for (mode, cells) in [("decay", "64x1"), ("space", "32x8")] {
+            let args =
+                ["--paths", "2000", "--incident-deg", "0,30,89.9,90", "--azimuth", mode, "--cells", cells];
             let args = [&args[..], &LOBE_ALONE].concat();
             for row in &bake_recipe(text, &args).meta().per_incidence {
                 let sum = row.albedo + row.transmitted + row.absorbed + row.truncated;

@@ -134,9 +134,9 @@ fn python_checks(folder: &str) -> Result<()> {
 
 fn pytest(python: &Path, folder: &str) -> Command {
     let mut pytest = Command::new(python);
-    // Two files at a time: a test seldom keeps two cores busy by itself.
+    // Three files at a time: a test seldom keeps two cores busy by itself, some wait for a browser.
     pytest
-        .args(["-m", "pytest", "-q", "-rsP", "--durations", "25", "-n", "2", "--dist", "loadfile", folder])
+        .args(["-m", "pytest", "-q", "-rsP", "--durations", "25", "-n", "3", "--dist", "loadfile", folder])
         .current_dir(root());
     pytest.env("NACRE_BIN", root().join("target/release"));
     pytest
