@@ -48,11 +48,7 @@ impl CellRule {
                 *weight *= angle.sin();
             }
         }
-        let edges = |phi: &Stretched| -> Vec<f64> {
-            let at = phi.with_slope();
-            (0..=phi.cells).map(|edge| at(edge as f64).0).collect()
-        };
-        let sectors = phi.as_ref().map(edges).unwrap_or_default();
+        let sectors = phi.map(|phi| phi.edges()).unwrap_or_default();
         let rows = axis.rows_per_incidence();
         Self { angles, weights, columns: columns.cells, rows, sectors }
     }
@@ -156,17 +152,17 @@ pub(crate) fn cell_shares(axis: &ExitAxis, solution: &Solution, incidence: usize
     let [interior, rehit] = match axis {
         ExitAxis::Plane { .. } => {
             let densities = solution.along(incidence, &rule.angles);
-            densities.map(|density| rule.by_column(density.into_iter()))
+            densities.map(|density| light(&rule.by_column(density.into_iter())))
         }
         ExitAxis::Space { .. } => {
             let cells = rule.of(solution);
             let parts =
                 [solution.interior_shares(incidence, &cells), solution.rehit_shares(incidence, &cells)];
-            parts.map(|part| part.values().to_vec())
+            parts.map(|part| light(part.values()))
         }
     };
-    let interior = scaled(light(&interior), lobe.albedo - lobe.surface);
-    let rehit = scaled(light(&rehit), lobe.rehit);
+    let interior = scaled(interior, lobe.albedo - lobe.surface);
+    let rehit = scaled(rehit, lobe.rehit);
     let single = scaled(rule.single_shares(solution.single_reflection(incidence)), lobe.surface - lobe.rehit);
     let surface = single.iter().zip(&rehit).map(|(single, rehit)| single + rehit).collect();
     [interior, surface, rehit]

@@ -30,9 +30,38 @@ pub struct Stretched {
     pub cells: usize,
 }
 
+/// What both sides of a centre have in common, and where they end.
+struct Sides {
+    /// Cells a side; a one-sided axis has all of them above its centre.
+    cells: f64,
+    /// Sides below the centre.
+    first: f64,
+    /// The centre.
+    start: f64,
+    /// asinh(room/width) of either side.
+    below: f64,
+    above: f64,
+}
+
 impl Stretched {
     fn one_sided(&self) -> bool {
         self.centre <= self.lo
+    }
+
+    fn sides(&self) -> Sides {
+        let Self { lo, centre, hi, .. } = *self;
+        let range = |room: f64| (room / self.width).asinh();
+        let cells = self.cells as f64;
+        if self.one_sided() {
+            return Sides { cells, first: 0.0, start: lo, below: 0.0, above: range(hi - lo) };
+        }
+        Sides {
+            cells: 0.5 * cells,
+            first: 1.0,
+            start: centre,
+            below: range(centre - lo),
+            above: range(hi - centre),
+        }
     }
 
     /// Position of x in units of cells, 0 at `lo` and `cells` at `hi`; x is clamped to the interval.
@@ -65,16 +94,9 @@ impl Stretched {
     }
 
     /// [`Self::at`] and [`Self::slope`] as one function of the position, for many positions.
-    pub fn with_slope(&self) -> impl Fn(f64) -> (f64, f64) + use<> {
-        let Self { lo, centre, hi, width, .. } = *self;
-        let range = |room: f64| (room / width).asinh();
-        // Cells a side; a one-sided axis has all of them above its centre.
-        let (cells, above, below) = if self.one_sided() {
-            (self.cells as f64, range(hi - lo), 0.0)
-        } else {
-            (0.5 * self.cells as f64, range(hi - centre), range(centre - lo))
-        };
-        let (start, first) = if self.one_sided() { (lo, 0.0) } else { (centre, 1.0) };
+    pub(crate) fn with_slope(&self) -> impl Fn(f64) -> (f64, f64) + use<> {
+        let Self { lo, hi, width, .. } = *self;
+        let Sides { cells, first, start, below, above } = self.sides();
         move |position| {
             let t = position / cells - first;
             let range = if t >= 0.0 { above } else { below };
@@ -91,18 +113,13 @@ impl Stretched {
         step: f64,
         offsets: [f64; N],
     ) -> impl Fn(usize) -> [(f64, f64); N] + use<N> {
-        let Self { lo, centre, hi, width, .. } = *self;
-        let range = |room: f64| (room / width).asinh();
-        let (cells, start, first) = if self.one_sided() {
-            (self.cells as f64, lo, 0.0)
-        } else {
-            (0.5 * self.cells as f64, centre, 1.0)
-        };
+        let Self { lo, hi, width, .. } = *self;
+        let Sides { cells, first, start, below, above } = self.sides();
         let side = |range: f64| {
             let within = offsets.map(|offset| offset * step / cells * range);
             (range, within.map(f64::sinh), within.map(f64::cosh))
         };
-        let (below, above) = (side(range(centre - lo)), side(range(hi - start)));
+        let (below, above) = (side(below), side(above));
         move |k| {
             let k = k as f64;
             let (range, sinh, cosh) = if (k + 0.5) * step >= first * cells { above } else { below };
