@@ -251,11 +251,14 @@ fn sockets_left_open_lose_their_places() {
 #[test]
 fn a_later_bake_overtakes_an_earlier_one() {
     let server = Running::start();
-    let order = |n: u64, layers: u64, quality: &str| json!({"recipe": {"stack": {"layers": layers}}, "quality": quality, "request": n});
+    let order =
+        |n: u64, recipe: Value, quality: &str| json!({"recipe": recipe, "quality": quality, "request": n});
+    // Seconds of work, were it not overtaken.
+    let slow = json!({"stack": {"layers": 500}, "facets": {"slope_sd_deg": 1}, "azimuth": {"mode": "space"}});
     std::thread::scope(|scope| {
-        let earlier = scope.spawn(|| server.order("/api/bake", &order(1, 500, "fine")));
+        let earlier = scope.spawn(|| server.order("/api/bake", &order(1, slow, "fine")));
         std::thread::sleep(Duration::from_millis(200));
-        let (status, _, _) = server.order("/api/bake", &order(2, 6, "coarse"));
+        let (status, _, _) = server.order("/api/bake", &order(2, json!({"stack": {"layers": 6}}), "coarse"));
         assert_eq!(status, 200);
         let (status, _, body) = earlier.join().unwrap();
         assert_eq!((status, line(&body)), (409, "request 1: a later one came".to_owned()));
