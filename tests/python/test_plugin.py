@@ -869,6 +869,8 @@ def bad_inputs(folder, tables):
         ({**good, "brightness": float("nan")}, r"brightness: nan is not valid"),
         ({**good, "brightness": "high"}, r"brightness: 'high' is not valid"),
         ({**good, "depth": -0.1}, r"depth: -0.1 is not valid"),
+        ({**good, "depth": {"type": "checkerboard"}}, r"depth: a \w+ is not valid; expected a number"),
+        ({"recipe": str(folder)}, r"recipe: .*[Dd]irectory"),
         ({**good, "tint": rgb([1.0, 2.0, 0.5])}, r"tint\[1\]: 2.0 is not valid"),
         ({**good, "body_color": rgb([0.5, -0.1, 0.5])}, r"body_color\[1\]: -0.1 is not valid"),
         ({**good, "components": "blur,shine"}, r"components: 'shine'.*diffuse, incoherent, mirror, blur"),
@@ -899,6 +901,7 @@ def test_parameters_set_out_of_range_are_refused(tables):
         ("tint", mi.Color3f(1, 1, -1), r"tint\[2\]"),
         ("brightness", mi.Float([0.1, 0.2]), r"brightness: \[0.1.*, 0.2.*\] is not valid; expected a number"),
         ("tint", mi.Color3f([0.1, 0.2], 1, 1), r"tint: \[0.1.*\] is not valid; expected a colour"),
+        ("thickness", mi.Float([1.0, 1.0]), r"thickness: \[1.0, 1.0\] is not valid; expected one number"),
         ("lut", mi.TensorXf([0.5]), r"lut: has the shape \(1,\); expected that of the table, \(8, 1, "),
     ):
         with pytest.raises(Exception, match=message):
@@ -1088,6 +1091,17 @@ def test_bodies_are_reflectances_when_they_are_loaded_and_when_they_are_set(tabl
             set_parameter(load(tables["sparse"], body_color=rgb(GREY)), "body_color.value", mi.Color3f(0.5, bad, 0.5))
     with pytest.raises(Exception, match="lut: has a value that is negative"):
         scaled_lut(load(tables["sparse"]), lambda values: values[2].fill(-0.1))
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_rgb"])
+def test_a_body_of_a_meshs_colours_is_sampled(variant, tables):
+    llvm.use(variant)
+    bsdf = load(tables["sparse"], body_color={"type": "mesh_attribute", "name": "vertex_color"}, components="diffuse")
+    si = mi.SurfaceInteraction3f()
+    si.wi = [0.6, 0.0, 0.8]
+    # (Its value needs a mesh.)
+    density = bsdf.pdf(mi.BSDFContext(), si, mi.Vector3f(-0.28, 0.0, 0.96))
+    np.testing.assert_allclose(np.array(density), 0.96 / np.pi, rtol=1e-5)
 
 
 def test_a_context_of_one_component_says_which_it_sampled(tables):

@@ -168,6 +168,60 @@ def test_a_control_that_needs_more_bakes_it_then(cache, recipe):
     np.testing.assert_allclose(bsdf.eval(mi.BSDFContext(), si, [-0.5, 0.1, 0.86]), expected, rtol=1e-6)
 
 
+def color(value):
+    return {"type": "rgb", "value": [value] * 3}
+
+
+@pytest.mark.parametrize("first, name, value, whole", [
+    ({"brightness": 0.0}, "brightness", 1.0, {"brightness": 1.0}),
+    ({"body_color": color(0.0), "components": "diffuse"}, "body_color.value", [0.5] * 3, {"body_color": color(0.5), "components": "diffuse"}),
+])  # fmt: skip
+def test_lobes_that_a_moved_control_calls_for_are_baked_then(cache, recipe, first, name, value, whole):
+    bsdf = pearl(recipe, **first)
+    assert "blur" not in effects_of(bsdf)
+    parameters = mi.traverse(bsdf)
+    parameters[name] = mi.Color3f(value) if isinstance(value, list) else value
+    parameters.update()
+    si = mi.SurfaceInteraction3f()
+    si.wi = [0.6, 0, 0.8]
+    expected = pearl(recipe, **whole).eval(mi.BSDFContext(), si, [-0.5, 0.1, 0.86])
+    np.testing.assert_allclose(bsdf.eval(mi.BSDFContext(), si, [-0.5, 0.1, 0.86]), expected, rtol=1e-6)
+
+
+def test_a_lut_that_was_set_outlives_a_later_bake(cache, recipe):
+    bsdf = pearl(recipe)
+    parameters = mi.traverse(bsdf)
+    darker = 0.5 * np.array(parameters["lut"])
+    parameters["lut"] = mi.TensorXf(darker)
+    parameters.update()
+    parameters["coherence"] = 1.0
+    parameters.update()
+    assert "coherent" in effects_of(bsdf)
+    np.testing.assert_array_equal(np.array(mi.traverse(bsdf)["lut"]), darker)
+    other = pearl(recipe, coherence=1.0, components="blur")
+    si = mi.SurfaceInteraction3f()
+    si.wi = [0.6, 0, 0.8]
+    blur = mi.BSDFContext()
+    blur.component = 3
+    value = lambda bsdf: np.array(bsdf.eval(blur, si, [-0.5, 0.1, 0.86])).ravel()
+    np.testing.assert_allclose(value(bsdf), 0.5 * value(other), rtol=1e-5)
+
+
+def test_any_thickness_of_the_range_will_do_where_no_interference_is_shown(cache, recipe):
+    bsdf = pearl(recipe, thickness=1.2)
+    assert bsdf.table.scales is None
+    pearl(recipe, thickness={"type": "checkerboard", "color0": 0.9, "color1": 1.1})
+    parameters = mi.traverse(bsdf)
+    parameters["thickness"] = 0.9
+    parameters.update()
+    for scale in (0.5, 1.5, float("nan")):
+        with pytest.raises(RuntimeError, match=f"thickness: is {scale:g}; expected a number from 0.7 to 1.4"):
+            pearl(recipe, thickness=scale)
+    parameters["coherence"] = 1.0
+    parameters.update()
+    assert bsdf.table.scales is not None
+
+
 def test_tables_are_kept_and_found_again(cache, recipe, monkeypatch):
     first = nacre.cache.table(nacre.Recipe(recipe))
     [entry] = cache.iterdir()
@@ -183,14 +237,27 @@ def test_tables_are_kept_and_found_again(cache, recipe, monkeypatch):
     assert len(list(cache.iterdir())) == 3 and entry.exists()
 
 
-@pytest.mark.parametrize("damage", [lambda data: b"", lambda data: data[:2000], lambda data: data[:3000] + bytes(400) + data[3400:]])
+@pytest.mark.parametrize("damage", [
+    lambda data: b"", lambda data: data[:2000], lambda data: data[:3000] + bytes(400) + data[3400:],
+    # A table still, of another body colour.
+    lambda data: data.replace(b"[0.5,0.5,0.5]", b"[0.9,0.5,0.5]"),
+])  # fmt: skip
 def test_a_damaged_entry_is_baked_again(cache, recipe, damage):
-    whole = nacre.cache.table(nacre.Recipe(recipe)).to_bytes()
+    table = nacre.cache.table(nacre.Recipe(recipe)).to_bytes()
     [entry] = cache.iterdir()
+    whole = entry.read_bytes()
+    assert whole.startswith(table) and damage(whole) != whole
     entry.write_bytes(damage(whole))
     nacre.cache._in_memory.clear()
-    assert nacre.cache.table(nacre.Recipe(recipe)).to_bytes() == whole
+    assert nacre.cache.table(nacre.Recipe(recipe)).to_bytes() == table
     assert entry.read_bytes() == whole
+
+
+@pytest.mark.parametrize("most", ["much", "-1", "nan"])
+def test_a_bound_of_the_folder_that_is_none_is_refused(cache, recipe, monkeypatch, most):
+    monkeypatch.setenv("NACRE_CACHE_MB", most)
+    with pytest.raises(nacre.InputError, match=f"NACRE_CACHE_MB: '{most}' is not valid, expected megabytes"):
+        nacre.cache.table(nacre.Recipe(recipe))
 
 
 def test_the_folder_is_bounded(cache, recipe, monkeypatch):

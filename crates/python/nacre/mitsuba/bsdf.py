@@ -149,18 +149,24 @@ def _pearl(base):
             self.rgb_palette = Palette.of(self.table, "rgb")
 
         def _bake_what_is_called_for(self):
-            """A control that needs an effect which was not baked bakes it now."""
+            """A control that needs an effect which was not baked bakes it now. Whether a `lut` that was set is to be taken again."""
             depth, brightness, coherence, _ = self._values()
-            if any(isinstance(value, list) for value in (depth, coherence)):
-                return
-            moved = self.table.scales is None and not self.thickness_varies and dr.any(dr.detach(self.thickness) != 1.0)
-            if not moved and not any(parameters.missing(self.table, depth, coherence)):
-                return
+            for name, value in (("depth", depth), ("brightness", brightness), ("coherence", coherence)):
+                parameters.number(name, value)
             self.look |= {"depth": depth, "brightness": brightness, "coherence": coherence, "body_color": self.body_rgb}
-            if moved:
+            if not self.thickness_varies and dr.any(dr.detach(self.thickness) != 1.0):
                 self.look |= {"thickness": "thickness was moved"}
-            self.table = bake_table(self.recipe, self.look)
+            if cache.effects_of(self.recipe, self.look) <= {*self.table.meta["effects"], "texture"}:
+                return False
+            found = bake_table(self.recipe, self.look)
+            if found is self.table:
+                return False
+            lut, was_set = self.lut, not np.array_equal(np.array(dr.detach(self.lut)), self.table.values)
+            self.table = found
             self._take()
+            if was_set:
+                self.lut = lut
+            return was_set
 
         def _set_body(self, props):
             self.body_rgb = None
@@ -190,11 +196,13 @@ def _pearl(base):
 
         def _check_thickness(self, scales):
             if scales is not None:
-                return parameters.check_thickness(scales, self.table)
+                if len(scales) != 1:
+                    raise PearlError(f"pearl: thickness: {scales} is not valid; expected one number")
+                return parameters.check_thickness(scales, self.table, self.recipe)
             for key, value in mi.traverse(self.thickness).items():
                 numbers = _numbers(value) if key.split(".")[-1] in ("data", "value", "values") else None
                 if numbers is not None:
-                    parameters.check_thickness([numbers.min(), numbers.max()], self.table, of=f"{key} ")
+                    parameters.check_thickness([numbers.min(), numbers.max()], self.table, self.recipe, of=f"{key} ")
 
         def _thickness_at(self, si, active):
             """The thickness where a ray meets the surface; None of a table of one thickness."""
@@ -206,7 +214,7 @@ def _pearl(base):
         def _check_body(self):
             """Refuses what is no reflectance, as far as a texture tells."""
             mean = self._body_mean()
-            if not 0.0 <= mean <= 1.0 + 1e-6:
+            if mean is not None and not 0.0 <= mean <= 1.0 + 1e-6:
                 raise PearlError(f"pearl: body_color: its mean is {mean:g}; expected reflectances from 0 to 1")
             for key, value in mi.traverse(self.body).items():
                 # In spectral variants colours are stored as coefficients of any sign.
@@ -216,11 +224,11 @@ def _pearl(base):
                     raise PearlError(f"pearl: body_color: {key} has a value that is negative or not finite; expected reflectances")
 
         def _body_mean(self):
-            """The mean of the body colour; a half for a texture that does not know its own."""
+            """The mean of the body colour; None for a texture that does not know its own."""
             try:
                 return float(np.ravel(np.array(dr.detach(self.body.mean())))[0])
             except RuntimeError:
-                return 0.5
+                return None
 
         def _components(self):
             enum = self.flags_enum
@@ -245,7 +253,8 @@ def _pearl(base):
                 self._check_body()
                 if keys:
                     self.body_rgb = None
-            if not keys or "lut" in keys:
+            taken_again = self.recipe is not None and self._bake_what_is_called_for()
+            if not keys or "lut" in keys or taken_again:
                 values, shape = np.array(dr.detach(self.lut)), self.table.values.shape
                 if values.shape != shape:
                     raise PearlError(f"pearl: lut: has the shape {values.shape}; expected that of the table, {shape}")
@@ -253,8 +262,6 @@ def _pearl(base):
                     raise PearlError("pearl: lut: has a value that is negative or not finite")
                 self.tabulated = self.tabulated.with_values(values, self.lut.array if self.types.jit else values)
                 self.layers[0].tabulated = self.tabulated
-            if self.recipe is not None:
-                self._bake_what_is_called_for()
             self._derive(self._values(), self._scales())
 
         def _values(self):
@@ -314,11 +321,14 @@ def _pearl(base):
             """The body colour by which the base is sampled, by RGB channel: exact for an RGB value, else its mean."""
             if self.body_rgb is not None:
                 return np.array(self.body_rgb)
-            types = self.types
+            types, mean = self.types, self._body_mean()
+            if mean is None:
+                # Attributes of a mesh: Mitsuba does not say that they vary, and without a shape they have no value.
+                return np.full(3, 0.5)
             if not (types.spectral or types.mono or self.body.is_spatially_varying()):
                 value = self.body.eval(dr.zeros(mi.SurfaceInteraction3f))
                 return np.clip(np.array(dr.detach(value)).reshape(3), 0.0, 1.0)
-            return np.full(3, min(max(self._body_mean(), 0.0), 1.0))
+            return np.full(3, min(max(mean, 0.0), 1.0))
 
         # What Mitsuba calls.
 

@@ -47,7 +47,7 @@ def recipe(source):
         source = str(mi.file_resolver().resolve(source))
     try:
         return Recipe(source)
-    except InputError as error:
+    except (InputError, OSError) as error:
         raise PearlError(f"pearl: recipe: {error}") from None
 
 
@@ -84,9 +84,19 @@ def plain_thickness(props):
     return float(props["thickness"])
 
 
-def check_thickness(values, table, of=""):
-    """Refuses scales that a table has no colours of."""
-    first, last = (1.0, 1.0) if table.scales is None else (table.scales[0], table.scales[-1])
+def _range_without_colours(recipe):
+    """What thickness may be where no interference is shown: what the table would have colours of if there were any."""
+    look = recipe.to_dict()["look"]
+    found = look.get("thickness") or Recipe({"look": {"thickness": {}}}).to_dict()["look"]["thickness"]
+    return found["min"], found["max"]
+
+
+def check_thickness(values, table, recipe, of=""):
+    """Refuses scales that a table has no colours of; of a recipe (or None) it has all that are shown."""
+    if table.scales is not None:
+        first, last = table.scales[0], table.scales[-1]
+    else:
+        first, last = (1.0, 1.0) if recipe is None else _range_without_colours(recipe)
     # Of single precision.
     outside = [value for value in values if not first * (1.0 - 1e-6) <= value <= last * (1.0 + 1e-6)]
     if not outside:
@@ -101,7 +111,10 @@ def check_thickness(values, table, of=""):
 def number(field, value):
     """A number from 0 to 1."""
     if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 <= value <= 1.0:
-        raise PearlError(f"pearl: {field}: {value!r} is not valid; expected a number from 0 to 1")
+        # Objects of Mitsuba take several lines to describe themselves.
+        found = repr(value)
+        found = f"a {type(value).__name__}" if "\n" in found else found
+        raise PearlError(f"pearl: {field}: {found} is not valid; expected a number from 0 to 1")
     return float(value)
 
 
