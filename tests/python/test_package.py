@@ -78,6 +78,12 @@ def test_a_recipe_comes_from_a_name_a_path_or_a_dict(tmp_path):
     )
 
 
+def test_a_dict_may_have_numbers_of_numpy():
+    layers, sigma, body = np.arange(3, 5)[0], np.float32(1.5), np.array([0.25, 0.5, 0.75])
+    recipe = nacre.Recipe({"stack": {"layers": layers}, "facets": {"slope_sd_deg": sigma}, "look": {"body_rgb": body}})
+    assert recipe == nacre.Recipe({"stack": {"layers": 3}, "facets": {"slope_sd_deg": 1.5}, "look": {"body_rgb": [0.25, 0.5, 0.75]}})
+
+
 def test_a_table_survives_its_file(baked, tmp_path):
     table, _, path = baked
     table.save(tmp_path / "saved.exr")
@@ -356,6 +362,23 @@ def test_a_batch_is_its_stacks_one_by_one():
     np.testing.assert_array_equal(constant.T.s[3], nacre.thinfilm.spectrum(n[3, :, :1], d[3], WAVELENGTHS, ANGLES).T.s)
 
 
+def test_a_batch_of_no_stacks_has_no_results():
+    for n, d in ((np.ones((0, 4)), [10, 20]), ([1, 1.5, 1.4, 1], np.ones((0, 2)))):
+        assert np.shape(nacre.thinfilm.spectrum(n, d, [500, 600], [0]).R.s) == (0, 1, 2)
+        assert np.shape(nacre.thinfilm.amplitudes(n, d, [500, 600], [0]).r.p) == (0, 1, 2)
+        assert np.shape(nacre.thinfilm.field(n, d, [500, 600], [0]).integral.s) == (0, 2, 1, 2)
+
+
+def test_indices_by_wavelength_come_in_any_order():
+    nm, d = np.array([400.0, 500.0, 700.0]), [300, 40]
+    n = np.array([1, 1.5, 1.4, 1.6])[:, None] * np.ones(3) + [0.0, 0.01, 0.03]
+    up = nacre.thinfilm.ensemble(n, d, 9, nm, [0, 40], members=8)
+    down = nacre.thinfilm.ensemble(n[:, ::-1], d, 9, nm[::-1], [0, 40], members=8)
+    np.testing.assert_array_equal(down.R, up.R[:, ::-1])
+    twice = nacre.thinfilm.ensemble(n[:, [0, 1, 1, 2]], d, 9, nm[[0, 1, 1, 2]], [0, 40], members=8)
+    np.testing.assert_array_equal(twice.R, up.R[:, [0, 1, 1, 2]])
+
+
 def test_stacks_of_recipes_have_the_spectra_of_the_tool():
     for name in ("golden", "paper"):
         path = ROOT / "data" / "recipes" / f"{name}.json"
@@ -436,8 +459,8 @@ def wrong(pearl, table, folder):
         "utf16.json: is not encoded in UTF-8": lambda: nacre.Recipe(folder / "utf16.json"),
         "long.json: is longer than": lambda: nacre.Recipe(folder / "long.json"),
         "unknown field `layer`": lambda: nacre.Recipe(folder / "bad.json"),
-        "not JSON compliant": lambda: nacre.Recipe({"stack": {"aragonite": {"n": float("nan")}}}),
-        "not JSON serializable": lambda: nacre.Recipe({"stack": {1, 2}}),
+        "stack.aragonite.n: ": lambda: nacre.Recipe({"stack": {"aragonite": {"n": float("nan")}}}),
+        "recipe: has a set in it": lambda: nacre.Recipe({"stack": {1, 2}}),
         "accuracy: -1": lambda: bake(accuracy=-1),
         "paths: 0": lambda: bake(paths=0),
         "expected one of them at most": lambda: bake(paths=10, accuracy=1),
@@ -449,6 +472,11 @@ def wrong(pearl, table, folder):
         "incident_deg": lambda: bake(incident_deg=[10, 5]),
         "incident_deg: is not an array": lambda: bake(incident_deg="all"),
         "threads: 0": lambda: bake(threads=0),
+        "threads: -1 is not valid": lambda: bake(threads=-1),
+        "paths: -1 is not valid": lambda: bake(paths=-1),
+        "cells: (8, -1) is not valid": lambda: bake(cells=(8, -1)),
+        "seed: 18446744073709551616 is not valid": lambda: bake(seed=2**64),
+        "index: -1 is not valid": lambda: nacre.walk_shard("paper", -1, 2, paths=10),
         "both_sides": lambda: bake(both_sides=True, solver="walk"),
         "cannot read the file": lambda: nacre.Table(folder / "none.exr"),
         "cut.exr": lambda: nacre.Table(folder / "cut.exr"),
@@ -456,8 +484,11 @@ def wrong(pearl, table, folder):
         f"format: 'png' is not one of {FORMATS}": lambda: nacre.export(table, "png", folder / "png"),
         "channel: 'blue'": lambda: table.channel("blue"),
         "incidence: 99": lambda: table.edges(99),
+        "incidence: -1 is not valid": lambda: table.edges(-1),
         "depth: 2": lambda: nacre.Pearl(table, depth=2),
-        "body_rgb[1]: -0.1": lambda: nacre.Pearl(table, body_color=(0.1, -0.1, 0.1)),
+        "body_color[1]: -0.1": lambda: nacre.Pearl(table, body_color=(0.1, -0.1, 0.1)),
+        "tint[0]: NaN": lambda: nacre.Pearl(table, tint=np.nan),
+        "body_color[2]: 7": lambda: nacre.effects("paper", {"body_color": (0, 0, 7)}),
         "tint: has shape (2,)": lambda: nacre.Pearl(table, tint=(0.1, 0.1)),
         "components: blurr": lambda: nacre.Pearl(table, components="blurr"),
         "wi: direction 1 is [0.0, 0.0, 0.0]": lambda: pearl.eval([[0, 0, 1], [0, 0, 0]], [0, 0, 1]),
@@ -475,9 +506,11 @@ def wrong(pearl, table, folder):
         "thickness": lambda: film([1, 1.5, 1], [-10], [500], [0]),
         "angles_deg: 91": lambda: film([1, 1.5, 1], [10], [500], [91]),
         "wavelength": lambda: film([1, 1.5, 1], [10], [0], [0]),
+        "the wavelength is -500": lambda: film([1, 1.5, 1], [10], [400, -500], [0]),
         "n: ": lambda: film(["glass", 1.5, 1], [10], [500], [0]),
         "are a batch of stacks": lambda: nacre.thinfilm.colour([1, 1.5, 1], [[10], [20]], [0]),
         "pol: 'u'": lambda: nacre.thinfilm.ensemble([1, 1.5, 1], [10], 1, [500], [0], pol="u"),
+        "members: -1": lambda: nacre.thinfilm.ensemble([1, 1.5, 1], [10], 1, [500], [0], members=-1),
         "members: 0": lambda: nacre.thinfilm.ensemble([1, 1.5, 1], [10], 1, [500], [0], members=0),
         "sd_nm: has shape (2,)": lambda: nacre.thinfilm.ensemble([1, 1.5, 1], [10], [1, 2], [500], [0]),
         "depths_nm: 11": lambda: nacre.thinfilm.intensity([1, 1.5, 1], [10], [500], [0], [11]),
@@ -496,9 +529,10 @@ def test_wrong_input_gets_one_line_that_names_it(tmp_path):
 
 def test_errors_of_the_system_are_pythons(tmp_path):
     table = nacre.bake("paper", solver="doubling", accuracy=5, incident_deg=[0, 40], cells=(20, 10))
-    with pytest.raises(OSError):
+    with pytest.raises(FileNotFoundError) as caught:
         table.save(tmp_path / "no folder" / "table.exr")
-    with pytest.raises(OSError, match="no folder"):
+    assert ".part" not in str(caught.value) and "no folder" in str(caught.value)
+    with pytest.raises(FileNotFoundError, match="no folder"):
         nacre.export(table, "merl", tmp_path / "no folder" / "pearl.binary")
     with pytest.raises(TypeError):
         nacre.bake("paper", accuracy="fine")

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -254,6 +255,8 @@ def test_body_colours_are_numbers_spectra_and_textures(body, why, textured):
         "a spectrum for a tint": ('<spectrum name="tint" value="400:0.1, 700:0.5"/>', "tint: a "),
         "a text for a colour": ('<string name="body_color" value="red"/>', "body_color: is no colour, spectrum or texture"),
         "hexadecimal": ('<rgb name="body_color" value="#808080"/>', 'could not parse RGB value "#808080"'),
+        "a thickness out of range": ('<float name="thickness" value="3"/>', "thickness: is 3; expected a number from 0.7 to 1.4"),
+        "a text for a thickness": ('<string name="thickness" value="1"/>', "thickness: is no number or texture"),
         "components: sum": ('<string name="components" value="sum"/>', "components: 'sum' is none of them"),
         "components: +": ('<string name="components" value="mirror+blur"/>', "components: 'mirror+blur' is none"),
         "components: blanks": ('<string name="components" value="mirror blur"/>', "components: 'mirror blur' is none"),
@@ -368,6 +371,22 @@ def test_what_each_effect_changes_is_seen_in_a_picture():
     assert changes["body"]["on"] and changes["body"]["delta_e"] > 10 and changes["body"]["not_shown"] is None
     assert changes["absorption"]["not_shown"] == "nothing absorbs (every k is 0)" and changes["absorption"]["delta_e"] is None
     assert "acts on blur alone" in changes["polarisation"]["not_shown"] and changes["blur"]["delta_e"] == 0
+
+
+def test_the_surrounding_has_the_hue_of_the_view():
+    """Without lobes and at depth 1 a pixel is ρ·Ê(view)·(2·cos θo/π + 0.4) of a light of irradiance 2 and a surrounding of 0.4."""
+    recipe = {"stack": {"layers": 2}, "look": {"brightness": 0.0, "depth": 1.0, "body_rgb": [0.4, 0.4, 0.4]}}
+    found = nacre.plan(recipe, why_not=True)["why_not"][0]["effects"]["emission"]
+    emission = nacre.arrays(nacre.bake(recipe, effects="body,emission"))["emission_rgb"].astype(float)
+    y, x = np.mgrid[-39:40:2, -39:40:2] / 40
+    z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
+    cos = np.maximum(np.stack([x, y, z], axis=-1) @ [-0.45, 0.55, 0.703562363974], 0)[z > 0]
+    plain = 0.4 * (2 * cos / np.pi + 0.4)
+    node = 1024 * np.sqrt(1 - np.sqrt(z[z > 0]))
+    coloured = plain * np.array([np.interp(node, np.arange(1025), curve) for curve in emission])
+    expected = np.sqrt(((coloured - plain) ** 2).mean()) / coloured.mean()
+    # Albedos are taken at whole degrees.
+    assert abs(found["relative_rmse"] / expected - 1) < 0.01
 
 
 PAGES = [ROOT / "docs" / "PLUGIN.md", SCENES / "README.md"]

@@ -155,7 +155,8 @@ class Pearl:
         """Directions of light for wi from uniform random numbers u, (…, 3) in [0, 1): wo (…, 3), its density (…) and `eval` of the pair
         (…, 3). Where nothing is found (rarer than 1e-3) all three are 0."""
     def albedo(self, theta_i_deg: ArrayLike) -> _Real:
-        """Share of the light that leaves of what arrives at angles of incidence, below 90°, by component: (…, 4, 3)."""
+        """Share of the light that leaves of what arrives at angles of incidence, below 90°, by component: (…, 4, 3). A viewer at such an
+        angle sees as much of a white surrounding, but for the hue of the body (`incoherent` has it by the view)."""
 
 def arrays(table: _Table) -> dict[str, _Single]:
     """All that an evaluation reads, by name: docs/ARRAYS.md."""

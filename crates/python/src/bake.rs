@@ -1,6 +1,6 @@
 //! Bakes.
 
-use crate::convert::{names, row};
+use crate::convert::{names, row, whole};
 use crate::errors::{failure, field, input, of_bake};
 use crate::recipe::Recipe;
 use crate::table::Table;
@@ -66,17 +66,17 @@ pub(crate) fn bake(
     recipe: &Bound<'_, PyAny>,
     solver: Option<&str>,
     accuracy: Option<f64>,
-    paths: Option<u64>,
+    #[pyo3(from_py_with = whole::paths)] paths: Option<u64>,
     time_budget: Option<f64>,
     incident_deg: Option<&Bound<'_, PyAny>>,
-    cells: Option<[usize; 2]>,
+    #[pyo3(from_py_with = whole::cells)] cells: Option<[usize; 2]>,
     effects: Option<&Bound<'_, PyAny>>,
     azimuth: Option<&str>,
-    seed: u64,
+    #[pyo3(from_py_with = whole::seed)] seed: u64,
     both_sides: bool,
     reciprocal: bool,
     look: Option<&Bound<'_, PyDict>>,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = whole::threads)] threads: Option<usize>,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Table> {
     let options = Options {
@@ -107,16 +107,16 @@ pub(crate) fn bake(
 pub(crate) fn walk_shard<'py>(
     py: Python<'py>,
     recipe: &Bound<'_, PyAny>,
-    index: u32,
-    count: u32,
-    paths: u64,
+    #[pyo3(from_py_with = whole::index)] index: u32,
+    #[pyo3(from_py_with = whole::count)] count: u32,
+    #[pyo3(from_py_with = whole::paths)] paths: u64,
     incident_deg: Option<&Bound<'_, PyAny>>,
-    cells: Option<[usize; 2]>,
+    #[pyo3(from_py_with = whole::cells)] cells: Option<[usize; 2]>,
     effects: Option<&Bound<'_, PyAny>>,
     azimuth: Option<&str>,
-    seed: u64,
+    #[pyo3(from_py_with = whole::seed)] seed: u64,
     look: Option<&Bound<'_, PyDict>>,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = whole::threads)] threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyBytes>> {
     let target = Target::Paths(paths);
     let options = Options { target, ..options(incident_deg, cells, effects, azimuth, seed)? };

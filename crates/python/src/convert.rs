@@ -4,7 +4,7 @@ use crate::errors::{failure, field, input};
 use numpy::ndarray::ArrayD;
 use numpy::{AllowTypeChange, Element, IntoPyArray as _, PyArrayDyn, PyArrayLikeDyn};
 use pyo3::prelude::*;
-use pyo3::types::{PyAny, PyString};
+use pyo3::types::{IntoPyDict as _, PyAny, PyCFunction, PyDict, PyString, PyTuple};
 use serde::Serialize;
 
 /// Anything that serialises, as Python's dict, list, str, int, float, bool or None.
@@ -13,11 +13,16 @@ pub(crate) fn to_python<'py>(py: Python<'py>, value: &impl Serialize) -> PyResul
     py.import("json")?.call_method1("loads", (text,))
 }
 
-/// JSON text of a dict.
+/// JSON text of a recipe, NumPy's numbers and arrays in it as Python's own. What is not finite its reader refuses by the field.
 pub(crate) fn to_json(value: &Bound<'_, PyAny>) -> PyResult<String> {
     let py = value.py();
-    let options = [("allow_nan", false)].into_iter();
-    let options = options.collect::<std::collections::HashMap<_, _>>().into_pyobject(py)?;
+    let plain = |args: &Bound<'_, PyTuple>, _: Option<&Bound<'_, PyDict>>| {
+        let value = args.get_item(0)?;
+        let kind = value.get_type().name()?;
+        let other = || field("recipe", format_args!("has a {kind} in it, expected what JSON can say"));
+        value.call_method0("tolist").map(Bound::unbind).map_err(|_| other())
+    };
+    let options = [("default", PyCFunction::new_closure(py, None, None, plain)?)].into_py_dict(py)?;
     match py.import("json")?.call_method("dumps", (value,), Some(&options)) {
         Ok(text) => Ok(text.cast::<PyString>().map_err(failure)?.to_string()),
         Err(why) => Err(input(why.value(py))),
@@ -59,6 +64,32 @@ pub(crate) fn row(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
         return Err(field(name, format_args!("has shape {shape}, expected one row of numbers")));
     }
     Ok(numbers.values().to_vec())
+}
+
+/// Whole numbers of arguments, by the names of these: what does not fit is refused like any other value.
+pub(crate) mod whole {
+    use crate::errors::field;
+    use pyo3::exceptions::PyOverflowError;
+    use pyo3::prelude::*;
+    use pyo3::types::PyAny;
+
+    macro_rules! arguments {
+        ($($name:ident: $kind:ty,)*) => {$(
+            pub(crate) fn $name<'a, 'py, T: FromPyObject<'a, 'py>>(value: &'a Bound<'py, PyAny>) -> PyResult<T> {
+                value.extract::<T>().map_err(|why| {
+                    let (why, most): (PyErr, _) = (why.into(), <$kind>::MAX);
+                    if !why.is_instance_of::<PyOverflowError>(value.py()) {
+                        return why;
+                    }
+                    field(stringify!($name), format_args!("{value} is not valid, expected 0 to {most}"))
+                })
+            }
+        )*};
+    }
+
+    arguments! {
+        cells: usize, count: u32, incidence: usize, index: u32, members: u64, paths: u64, seed: u64, threads: usize,
+    }
 }
 
 /// A list of names, or one text of them with commas.

@@ -50,6 +50,6 @@ pub(crate) fn of_file(error: LutError) -> PyErr {
 pub(crate) fn of_io(path: &Path, error: &std::io::Error) -> PyErr {
     match error.raw_os_error() {
         Some(number) => PyOSError::new_err((number, error.to_string(), path.display().to_string())),
-        None => PyOSError::new_err(format!("{}: {error}", path.display())),
+        None => std::io::Error::new(error.kind(), format!("{}: {error}", path.display())).into(),
     }
 }

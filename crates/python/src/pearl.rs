@@ -344,11 +344,19 @@ pub(crate) fn table_of<'py>(source: &Bound<'py, PyAny>) -> PyResult<Bound<'py, T
 /// A colour, or a grey by one number.
 pub(crate) fn rgb(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
     let numbers = numbers(name, value)?;
-    match (&numbers.shape[..], numbers.values()) {
-        ([], [grey]) => Ok([*grey; 3]),
-        ([3], [r, g, b]) => Ok([*r, *g, *b]),
+    let rgb = match (&numbers.shape[..], numbers.values()) {
+        ([], [grey]) => [*grey; 3],
+        ([3], [r, g, b]) => [*r, *g, *b],
         (shape, _) => {
-            Err(field(name, format_args!("has shape {}, expected one number or three", shape_text(shape))))
+            let why = format_args!("has shape {}, expected one number or three", shape_text(shape));
+            return Err(field(name, why));
+        }
+    };
+    match rgb.iter().position(|channel| !(0.0..=1.0).contains(channel)) {
+        None => Ok(rgb),
+        Some(c) => {
+            let why = format_args!("{} is not valid; expected a number from 0 to 1", rgb[c]);
+            Err(field(&format!("{name}[{c}]"), why))
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Tables.
 
-use crate::convert::{shape_text, to_python};
+use crate::convert::{shape_text, to_python, whole};
 use crate::errors::{failure, field, input, of_file};
 use lut_io::both_sides::Passage;
 use lut_io::lobe::Interpolant;
@@ -114,7 +114,7 @@ impl Table {
     fn edges<'py>(
         &self,
         py: Python<'py>,
-        incidence: usize,
+        #[pyo3(from_py_with = whole::incidence)] incidence: usize,
     ) -> PyResult<(Bound<'py, PyArray1<f64>>, Option<Bound<'py, PyArray1<f64>>>)> {
         let theta_i = self.inner.theta_i();
         let Some(theta_i) = theta_i.get(incidence) else {

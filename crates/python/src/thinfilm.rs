@@ -3,7 +3,7 @@
 //! A batch is `n` of [stack, layers + 2, wavelength] and `d` of [stack, layer]; either may have one entry for all along any index but that
 //! of the layers. Layers with the same indices at all wavelengths are one material.
 
-use crate::convert::{array, row};
+use crate::convert::{array, row, whole};
 use crate::errors::{field, input};
 use num_complex::Complex64;
 use numpy::{PyArrayDyn, PyReadonlyArray2, PyReadonlyArray3};
@@ -71,7 +71,7 @@ impl Batch {
             return Err(field("n", why));
         }
         Ok(Self {
-            stacks: n_shape[0].max(d.shape()[0]),
+            stacks: if n_shape[0] == 1 { d.shape()[0] } else { n_shape[0] },
             layers: d.shape()[1],
             n: n.iter().copied().collect(),
             n_shape,
@@ -129,13 +129,16 @@ impl Batch {
         }
     }
 
-    /// A material with these indices, linear between the wavelengths.
+    /// A material with these indices, linear between the wavelengths, which come in any order.
     fn material(&self, index: &[Complex64]) -> Material {
         if let [one] = index {
             return Material { n: Dispersion::Constant(one.re), k: one.im };
         }
         let rows = self.wavelengths.iter().zip(index).map(|(wavelength, n)| [wavelength * 1e9, n.re, n.im]);
-        Material { n: Dispersion::Table(rows.collect()), k: 0.0 }
+        let mut rows: Vec<[f64; 3]> = rows.collect();
+        rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        rows.dedup();
+        Material { n: Dispersion::Table(rows), k: 0.0 }
     }
 
     /// What goes before a message about one of several stacks.
@@ -314,9 +317,9 @@ pub(crate) fn film_ensemble<'py>(
     wavelengths_nm: &Bound<'py, PyAny>,
     angles_deg: &Bound<'py, PyAny>,
     pol: Option<&str>,
-    members: Option<u64>,
+    #[pyo3(from_py_with = whole::members)] members: Option<u64>,
     accuracy: Option<f64>,
-    seed: u64,
+    #[pyo3(from_py_with = whole::seed)] seed: u64,
 ) -> PyResult<([Bound<'py, PyArrayDyn<f64>>; 3], [Option<Bound<'py, PyArrayDyn<f64>>>; 2], u64, bool)> {
     let batch = Batch::new(&n, &d_nm, wavelengths_nm, false)?;
     let angles = radians(angles_deg)?;
@@ -374,9 +377,9 @@ pub(crate) fn film_colours<'py>(
     sd_nm: PyReadonlyArray2<'py, f64>,
     wavelengths_nm: &Bound<'py, PyAny>,
     angles_deg: &Bound<'py, PyAny>,
-    members: u64,
+    #[pyo3(from_py_with = whole::members)] members: u64,
     accuracy: f64,
-    seed: u64,
+    #[pyo3(from_py_with = whole::seed)] seed: u64,
 ) -> PyResult<([Bound<'py, PyArrayDyn<f64>>; 3], [Bound<'py, PyArrayDyn<f64>>; 2])> {
     let batch = Batch::new(&n, &d_nm, wavelengths_nm, false)?;
     let angles = radians(angles_deg)?;

@@ -172,7 +172,7 @@ fn picture(bsdf: &PearlBsdf, components: Components) -> Vec<[f64; 3]> {
     let albedos: Vec<[f64; 3]> = (0..90)
         .map(|degrees| {
             let [diffuse, incoherent, mirror, blur] =
-                bsdf.directional_albedo(f64::from(degrees).to_radians());
+                bsdf.directional_albedo_seen(f64::from(degrees).to_radians());
             let shown = [
                 (components.diffuse, diffuse),
                 (components.incoherent, incoherent),

@@ -17,6 +17,7 @@ use std::sync::OnceLock;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
+use crate::material::nanometres;
 use crate::stack::{Gain, Indices, Stack, StackError};
 use crate::wave::{
     InPlaneWave, Incidence, Polarisation, PowerBalance, WaveError, half_turns_per_metre, sqrt_upper,
@@ -147,6 +148,9 @@ pub fn spectra_of(
     if indices.len() != wavelengths.len() {
         let why = format!("indices are given at {} wavelengths of {}", indices.len(), wavelengths.len());
         return Err(WaveError::Unsuitable(why).into());
+    }
+    if let Some(bad) = wavelengths.iter().find(|wavelength| !(wavelength.is_finite() && **wavelength > 0.0)) {
+        return Err(WaveError::Wavelength { wavelength_nm: nanometres(*bad) }.into());
     }
     indices.iter().try_for_each(|indices| stack.check_indices(indices))?;
     Solver::with_indices(stack, wavelengths, indices, None, TOLERANCE)?.spectra(angles)

@@ -27,7 +27,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
         // As any newly created file: the umask takes its share (tempfile alone would make it 0600).
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
-    let mut part = builder.tempfile_in(directory)?;
+    let mut part = builder.tempfile_in(directory).map_err(without_part)?;
     part.write_all(bytes)?;
     part.as_file().sync_all()?;
     part.persist(&destination).map_err(|error| error.error)?;
@@ -54,16 +54,15 @@ pub fn check(path: &Path) -> io::Result<()> {
     if !folder.is_dir() {
         return Err(io::Error::new(io::ErrorKind::NotFound, format!("{}: no such folder", folder.display())));
     }
-    // The error of a temporary file would name that.
-    let part = tempfile::NamedTempFile::new_in(folder);
-    part.map(drop).map_err(|error| io::Error::new(error.kind(), plain(&error)))
+    tempfile::NamedTempFile::new_in(folder).map(drop).map_err(without_part)
 }
 
-/// What went wrong, without the name of the temporary file that it went wrong with.
-fn plain(error: &io::Error) -> String {
-    let inner =
-        std::error::Error::source(error.get_ref().map_or(error as &dyn std::error::Error, |inner| inner));
-    inner.map_or_else(|| error.to_string(), ToString::to_string)
+/// What went wrong, without the name of the temporary file that it went wrong with (tempfile puts it behind).
+fn without_part(error: io::Error) -> io::Error {
+    match error.to_string().split_once(" at path ") {
+        Some((what, _)) => io::Error::new(error.kind(), what),
+        None => error,
+    }
 }
 
 /// Links that are followed before they count as a circle (as Linux does).
@@ -130,7 +129,11 @@ mod tests {
     #[test]
     fn a_failed_write_leaves_no_file() {
         let directory = tempfile::tempdir().unwrap();
-        assert!(write(&directory.path().join("absent/a.exr"), b"x").is_err());
+        let absent = write(&directory.path().join("absent/a.exr"), b"x").unwrap_err();
+        assert!(
+            absent.kind() == io::ErrorKind::NotFound && !absent.to_string().contains(".part"),
+            "{absent}"
+        );
         assert!(write(directory.path(), b"x").is_err());
         assert!(names(directory.path()).is_empty());
     }
@@ -164,6 +167,8 @@ mod tests {
         assert!(absent.ends_with("absent: no such folder"), "{absent}");
         assert_eq!(refusal("").kind(), io::ErrorKind::IsADirectory);
         assert_eq!(refusal(&"x".repeat(300)).kind(), io::ErrorKind::InvalidFilename);
+        #[cfg(target_os = "linux")]
+        assert!(!check(Path::new("/proc/a.exr")).unwrap_err().to_string().contains(".tmp"));
         assert!(names(directory.path()).is_empty());
     }
 

@@ -113,6 +113,7 @@ def _pearl(base):
                 self.table = load_table(props["filename"])
             else:
                 self.recipe = parameters.recipe(props.get("recipe", parameters.RECIPE))
+                parameters.check_given_thickness(props, None, self.recipe)
                 self.look = parameters.given_look(props) | {"variant": self.types.variant}
                 self.table = bake_table(self.recipe, self.look)
             controls = parameters.read(props, self.table)

@@ -79,24 +79,35 @@ def tint(props):
 
 def plain_thickness(props):
     """The scale of the thicknesses that is given as a number; None for a texture."""
-    if props.type("thickness") not in (mi.Properties.Type.Float, mi.Properties.Type.Integer):
+    kind = mi.Properties.Type
+    if props.type("thickness") in (kind.Bool, kind.String):
+        raise PearlError("pearl: thickness: is no number or texture")
+    if props.type("thickness") not in (kind.Float, kind.Integer):
         return None
     return float(props["thickness"])
 
 
-def _range_without_colours(recipe):
-    """What thickness may be where no interference is shown: what the table would have colours of if there were any."""
+def _range_of(recipe):
+    """The scales that a table of a recipe has colours of, if any are shown."""
     look = recipe.to_dict()["look"]
     found = look.get("thickness") or Recipe({"look": {"thickness": {}}}).to_dict()["look"]["thickness"]
     return found["min"], found["max"]
 
 
+def check_given_thickness(props, table, recipe):
+    """`check_thickness` of what is given as a number."""
+    scale = plain_thickness(props) if "thickness" in props else None
+    if scale is not None:
+        check_thickness([scale], table, recipe)
+
+
 def check_thickness(values, table, recipe, of=""):
-    """Refuses scales that a table has no colours of; of a recipe (or None) it has all that are shown."""
-    if table.scales is not None:
+    """Refuses scales that a table has no colours of; that of a recipe (None: of none; its table may be yet to be baked) has all that are
+    shown."""
+    if table is not None and table.scales is not None:
         first, last = table.scales[0], table.scales[-1]
     else:
-        first, last = (1.0, 1.0) if recipe is None else _range_without_colours(recipe)
+        first, last = (1.0, 1.0) if recipe is None else _range_of(recipe)
     # Of single precision.
     outside = [value for value in values if not first * (1.0 - 1e-6) <= value <= last * (1.0 + 1e-6)]
     if not outside:

@@ -136,7 +136,9 @@ class _Scene:
         if "filename" not in props:
             source = props.get("recipe", parameters.RECIPE)
             places["recipe"] = source if "recipe" in props else "the paper's pearl: the scene names no recipe"
-            return parameters.recipe(source), look, places
+            recipe = parameters.recipe(source)
+            parameters.check_given_thickness(props, None, recipe)
+            return recipe, look, places
         name = str(props["filename"])
         if not name:
             raise PearlError("pearl: filename: is empty; expected the name of a table")
@@ -154,6 +156,7 @@ class _Scene:
         table = Table(str(path), stored.meta, {})
         controls = parameters.read(props, table)
         parameters.check_parts(table, controls.depth, controls.coherence)
+        parameters.check_given_thickness(props, table, None)
         for control in ("depth", "brightness", "coherence"):
             look[control] = getattr(controls, control)
             places.setdefault(control, str(path))
