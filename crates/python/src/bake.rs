@@ -22,6 +22,8 @@ use std::time::{Duration, Instant};
 
 /// Between two looks at signals.
 const TICK: Duration = Duration::from_millis(50);
+/// As of the tools.
+const MOST_THREADS: usize = 4096;
 /// What the system calls the thread that works.
 const THREAD: &str = "nacre-bake";
 
@@ -184,8 +186,8 @@ impl Job {
     ) -> PyResult<Self> {
         let recipe = Recipe::of(recipe)?.inner;
         let view = crate::look::view(&recipe, look, &HashMap::new())?;
-        if threads == Some(0) {
-            return Err(field("threads", "0 threads bake nothing, expected at least 1"));
+        if let Some(count) = threads.filter(|count| !(1..=MOST_THREADS).contains(count)) {
+            return Err(field("threads", format_args!("{count} is not valid, expected 1 to {MOST_THREADS}")));
         }
         let pool = threads.map(|count| rayon::ThreadPoolBuilder::new().num_threads(count).build());
         Ok(Self { recipe, view, options, pool: pool.transpose().map_err(failure)? })
