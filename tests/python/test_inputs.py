@@ -109,6 +109,7 @@ def test_a_limit_on_the_size_of_files_ends_a_tool_as_a_full_disk_does(tmp_path, 
         done = limited(tmp_path, 2, *args)
         assert done.returncode == 1, (args, done.returncode, done.stderr)
         one_line(done, "File too large")
+        assert b".part" not in done.stderr, done.stderr
         assert sorted(tmp_path.iterdir()) == before, args
 
 
@@ -120,6 +121,45 @@ def test_a_limit_on_standard_output_is_named(tmp_path, table):
             done = limited(tmp_path, 2, *args, stdout=out)
         assert done.returncode == 1, (args, done.returncode, done.stderr)
         one_line(done, "standard output: File too large")
+
+
+def test_what_is_read_is_not_written_over(tmp_path, table):
+    (tmp_path / "table").write_bytes(table.read_bytes())
+    (tmp_path / "recipe").write_text(RECIPE)
+    (tmp_path / "link").symlink_to("table")
+    for args, output in [
+        (["bake-brdf", "recipe", "--paths", 1000, "--incident-deg", 0], "recipe"),
+        (["thinfilm", "swatch", "recipe"], "recipe"),
+        (["lut", "fit", "table"], "table"),
+        (["lut", "export", "table", "--to", "csv"], "link"),
+        (["pearl", "page", "table"], "link"),
+    ]:
+        done = run(tmp_path, *args, "-o", output)
+        assert done.returncode == 2, args
+        one_line(done, f"--output: {output} is the ", " itself")
+    assert (tmp_path / "table").read_bytes() == table.read_bytes() and (tmp_path / "recipe").read_text() == RECIPE
+
+
+def test_a_file_is_no_folder(tmp_path, table):
+    (tmp_path / "file").write_text("kept")
+    for args in (["lut", "plot", table], ["pearl", "preview", table], ["bake-brdf", "study"]):
+        done = run(tmp_path, *args, "-o", "file")
+        assert done.returncode == 1, args
+        one_line(done, "file: is no folder")
+
+
+def test_a_shard_is_walked_and_its_place_is_checked_before_anything(tmp_path):
+    (tmp_path / "recipe").write_text(RECIPE)
+    bake = ["bake-brdf", "recipe", "--paths", 1000, "--incident-deg", 0, "-q", "-o", "out"]
+    for further, said in [
+        (["--shard", "3/2"], '--shard: "3/2" is not I/N'),
+        (["--shard", "3/2", "--dry-run"], '--shard: "3/2" is not I/N'),
+        (["--shard", "1/2", "--solver", "doubling"], "--shard: a share of the paths is walked; expected solver walk or auto"),
+    ]:
+        done = run(tmp_path, *bake, *further)
+        assert done.returncode == 2, further
+        one_line(done, said)
+    assert not (tmp_path / "out").exists()
 
 
 def test_no_flag_is_there_that_nothing_reads(table):

@@ -243,6 +243,10 @@ def test_the_page_keeps_its_state_and_says_nothing(open_page):
     )):  # fmt: skip
         with pytest.raises(Exception, match=why):
             page.evaluate(f"nacre.set({wrong})")
+    # An address that was cut short says so.
+    cut = open_page(hash="#s=%7B%22depth%22%3A0.")
+    assert "The address holds a state that is not valid" in cut.locator("#notice").text_content()
+    cut.context.close()
     # Side by side, then everything that a picture takes.
     page.evaluate("nacre.set({ view: 'split', scene: 'strand' })")
     page.wait_for_function("nacre.page.renderer.pictures.length === 2 && nacre.page.renderer.pictures[1].film.samples > 0")

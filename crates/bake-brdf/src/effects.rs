@@ -176,7 +176,7 @@ impl From<EffectSet> for Vec<Effect> {
 #[non_exhaustive]
 pub enum EffectError {
     /// No effect of that name.
-    #[error("effects: {0:?} is no effect; expected all, or a list of {names}", names = Effect::ALL.map(Effect::name).join(", "))]
+    #[error("effects: {0:?} is no effect; expected all alone, or a list of {names}", names = Effect::ALL.map(Effect::name).join(", "))]
     Unknown(String),
     /// An azimuth mode other than decay and space.
     #[error("effects: azimuth:{0} is no azimuth; expected azimuth:decay or azimuth:space")]

@@ -7,6 +7,7 @@
 use crate::options::SolverChoice;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 use thinfilm::emission::SourceProfile;
@@ -424,23 +425,22 @@ impl Recipe {
                     path if path == "." => String::new(),
                     path => format!("{path}: "),
                 },
-                // The deserializer names Rust's type.
-                message: error
-                    .inner()
-                    .to_string()
-                    .replace("expected usize", "expected a whole number, 1 or more"),
+                message: in_json(&error.inner().to_string()),
             })?;
         deserializer
             .end()
             .map_err(|error| RecipeError::Syntax { field: String::new(), message: error.to_string() })?;
         recipe.stack.fill_defaults();
         recipe.check()?;
+        let given = serde_json::from_str(text)
+            .map_err(|error| RecipeError::Syntax { field: String::new(), message: error.to_string() })?;
+        refuse_lists("recipe", &given, &recipe.to_json())?;
         Ok(recipe)
     }
 
     /// The recipe as JSON, every default filled in.
     #[must_use]
-    pub fn to_json(&self) -> serde_json::Value {
+    pub fn to_json(&self) -> Value {
         let mut whole = self.clone();
         whole.stack.fill_defaults();
         // Serialising plain structs of numbers and strings cannot fail.
@@ -449,7 +449,7 @@ impl Recipe {
 
     /// The JSON Schema of a recipe.
     #[must_use]
-    pub fn json_schema() -> serde_json::Value {
+    pub fn json_schema() -> Value {
         let mut schema = schemars::schema_for!(Recipe).to_value();
         if let Some(properties) = schema.get_mut("properties").and_then(|p| p.get_mut("schema")) {
             *properties =
@@ -509,7 +509,6 @@ impl Recipe {
     #[must_use]
     pub fn film_stack(&self) -> thinfilm::Stack {
         let stack = &self.stack;
-        let gain = if stack.gain { thinfilm::Gain::Allowed } else { thinfilm::Gain::Refused };
         let (ambient, substrate) = (stack.ambient.material(), stack.substrate.material());
         let Some(explicit) = &stack.explicit else {
             let part = |layer: &Layer| {
@@ -517,14 +516,13 @@ impl Recipe {
                 (material, thickness, thickness_sd)
             };
             let layers = stack.layer_count() as u64;
-            let film = thinfilm::Stack::alternating(
+            return self.with_gain(thinfilm::Stack::alternating(
                 ambient,
                 part(&stack.aragonite),
                 part(&stack.conchiolin),
                 layers,
                 substrate,
-            );
-            return thinfilm::Stack { gain, ..film };
+            ));
         };
         let resolved: Vec<ResolvedLayer> = explicit.iter().map(Layer::resolved).collect();
         let unit = resolved.iter().enumerate().map(|(material, layer)| thinfilm::StackLayer {
@@ -532,13 +530,25 @@ impl Recipe {
             thickness: layer.thickness,
             thickness_sd: layer.thickness_sd,
         });
-        thinfilm::Stack {
+        self.with_gain(thinfilm::Stack {
             ambient,
             runs: vec![thinfilm::StackRun { unit: unit.collect(), repeat: 1 }],
             materials: resolved.into_iter().map(|layer| layer.material).collect(),
             substrate,
-            gain,
+            gain: thinfilm::Gain::Refused,
+        })
+    }
+
+    /// Gain, where the recipe allows it and a medium has any: fast waves know none.
+    fn with_gain(&self, mut film: thinfilm::Stack) -> thinfilm::Stack {
+        let amplifies = |material: &Material| {
+            let table = |rows: &[[f64; 3]]| rows.iter().any(|row| row[2] < 0.0);
+            material.k < 0.0 || matches!(&material.n, Dispersion::Table(rows) if table(rows))
+        };
+        if self.stack.gain && film.materials.iter().chain([&film.ambient, &film.substrate]).any(amplifies) {
+            film.gain = thinfilm::Gain::Allowed;
         }
+        film
     }
 
     /// Where the emission comes from.
@@ -738,10 +748,9 @@ impl Stack {
         }
         self.ambient.check("stack.ambient", self.gain)?;
         self.substrate.check("stack.substrate", self.gain)?;
-        let Some(explicit) = &self.explicit else {
-            self.aragonite.check("stack.aragonite", self.gain)?;
-            return self.conchiolin.check("stack.conchiolin", self.gain);
-        };
+        self.aragonite.check("stack.aragonite", self.gain)?;
+        self.conchiolin.check("stack.conchiolin", self.gain)?;
+        let Some(explicit) = &self.explicit else { return Ok(()) };
         if !(1..=MAX_LAYERS).contains(&explicit.len()) {
             let found = format!("a list of {}", explicit.len());
             return Err(wrong("stack.explicit", found, format!("a stack has 1 to {MAX_LAYERS} layers")));
@@ -823,6 +832,35 @@ fn check_constants(field: &str, n: Option<&Dispersion>, k: f64, gain: bool) -> R
         ));
     }
     within(&format!("{field}.k"), k, -1e3, 1e3, "")
+}
+
+/// What the deserializer says, without Rust's types.
+fn in_json(message: &str) -> String {
+    let message = message
+        .replace("expected usize", "expected a whole number, 1 or more")
+        .replace("expected f64", "expected a number");
+    match message.split_once("expected struct ") {
+        Some((head, tail)) => {
+            format!("{head}expected an object{}", tail.trim_start_matches(char::is_alphanumeric))
+        }
+        None => message,
+    }
+}
+
+/// The deserializer takes a list for an object whose values it holds in order; a recipe does not.
+fn refuse_lists(field: &str, given: &Value, read: &Value) -> Result<(), RecipeError> {
+    match (given, read) {
+        (Value::Array(_), Value::Object(_)) => Err(wrong(field, "a list", "expected an object")),
+        (Value::Array(given), Value::Array(read)) => {
+            let mut pairs = given.iter().zip(read).enumerate();
+            pairs.try_for_each(|(i, (given, read))| refuse_lists(&format!("{field}[{i}]"), given, read))
+        }
+        (Value::Object(given), Value::Object(read)) => given.iter().try_for_each(|(key, given)| {
+            let path = if field == "recipe" { key.clone() } else { format!("{field}.{key}") };
+            read.get(key).map_or(Ok(()), |read| refuse_lists(&path, given, read))
+        }),
+        _ => Ok(()),
+    }
 }
 
 fn wrong(field: &str, value: impl ToString, expected: impl Into<String>) -> RecipeError {
@@ -935,6 +973,19 @@ mod tests {
             (r#"{"stack":{"explicit":[]}}"#, "stack.explicit"),
             (r#"{"stack":{"explicit":[{"n":1.5}]}}"#, "stack.explicit[0].thickness_nm"),
             (r#"{"stack":{"layers":3,"explicit":[{"n":1.5,"thickness_nm":10}]}}"#, "stack.layers"),
+            (
+                r#"{"stack":{"explicit":[{"n":1.5,"thickness_nm":10}],"conchiolin":{"n":99}}}"#,
+                "stack.conchiolin.n",
+            ),
+            ("[]", "recipe: a list is not valid; expected an object"),
+            (r#"{"stack":[3]}"#, "stack: a list"),
+            (
+                r#"{"stack":{"explicit":[{"n":1.5,"thickness_nm":10},[1.5,0,10,0]]}}"#,
+                "stack.explicit[1]: a list",
+            ),
+            (r#"{"look":{"thickness":[0.8,1.2]}}"#, "look.thickness: a list"),
+            (r#"{"look":{"depth":"0.5"}}"#, "look.depth: invalid type: string \"0.5\", expected a number at"),
+            (r#"{"azimuth":"space"}"#, "azimuth: invalid type: string \"space\", expected an object at"),
             (r#"{"facets":{"slope_sd_deg":90}}"#, "facets.slope_sd_deg"),
             (r#"{"facets":{"slope_sd_deg":-1}}"#, "facets.slope_sd_deg"),
             (r#"{"facets":{"slope_sd_deg":NaN}}"#, ""),
@@ -952,6 +1003,19 @@ mod tests {
             let line = Recipe::from_json(text).expect_err(text).to_string();
             assert!(line.contains(field) && !line.contains('\n'), "{text}: {line}");
         }
+    }
+
+    #[test]
+    fn gain_is_allowed_where_there_is_any() {
+        let gain = |stack: &str| {
+            Recipe::from_json(&format!(r#"{{"stack":{{"gain":true,{stack}}}}}"#)).unwrap().film_stack().gain
+        };
+        use thinfilm::Gain::{Allowed, Refused};
+        assert_eq!([gain(r#""layers":2"#), gain(r#""conchiolin":{"k":-0.1}"#)], [Refused, Allowed]);
+        assert_eq!(
+            gain(r#""explicit":[{"n":{"table":[[400,1.5,0],[700,1.5,-0.01]]},"thickness_nm":9}]"#),
+            Allowed
+        );
     }
 
     #[test]

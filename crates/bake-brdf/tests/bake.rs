@@ -524,7 +524,7 @@ const ABSORBING: &str = r#"{"stack":{"layers":40,"aragonite":{"n":1.9},"conchiol
 fn effects_that_cannot_be_baked_are_refused_in_one_line() {
     let folder = folder();
     for (list, said) in [
-        ("glitter", "--effects: \"glitter\" is no effect; expected all, or a list of surface, blur"),
+        ("glitter", "--effects: \"glitter\" is no effect; expected all alone, or a list of surface, blur"),
         ("blur,,body", "--effects: \"\" is no effect"),
         ("azimuth:flat", "--effects: azimuth:flat is no azimuth; expected azimuth:decay or azimuth:space"),
     ] {

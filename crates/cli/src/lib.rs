@@ -57,6 +57,19 @@ pub fn read_recipe(path: &Path) -> Result<Recipe, Stop> {
     recipe::named(path, |path| terminal::read_text(path, recipe::MAX_BYTES), Stop::BadInput)
 }
 
+/// Finds out before the work what would end it after, and keeps a table or a recipe (`what`) from being written over by what is made of
+/// it.
+///
+/// # Errors
+/// The output is the input, or cannot be written.
+pub fn check_output(what: &str, input: &Path, output: &Path) -> Outcome {
+    if lut_io::atomic::same_file(input, output) {
+        let problem = format!("is the {what} itself, which would be lost: name another file");
+        return Err(Stop::bad_input(format!("--output: {} {problem}", output.display())));
+    }
+    lut_io::atomic::check(output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())))
+}
+
 /// Writes a file whole or not at all.
 ///
 /// # Errors

@@ -3,8 +3,9 @@
 #![allow(clippy::print_stdout)] // the figures are the point
 
 use bake_brdf::bake::{self, Observer, Request, implied};
-use bake_brdf::options::{Options, SolverChoice, Target};
+use bake_brdf::options::{Options, Sides, SolverChoice, Target};
 use bake_brdf::recipe::Recipe;
+use lut_io::both_sides::{FromBelow, Passage};
 use lut_io::check::Finding;
 use lut_io::diff::{Difference, diff};
 use lut_io::lobe::Interpolant;
@@ -188,6 +189,60 @@ fn whole_tables_pass_and_every_fault_is_found_by_the_check_that_is_for_it() {
 }
 
 #[test]
+fn what_passes_and_what_comes_from_below_is_held_against_its_shares() {
+    for change in [decay(), space()] {
+        let options = Options {
+            incident_deg: Some(vec![0.0, 45.0, 80.0]),
+            target: Target::AccuracyPercent(5.0),
+            sides: Sides::Both,
+            ..Options::default()
+        };
+        let table = bake::bake(&Request::new(recipe(&change), options).unwrap(), &Observer::idle()).unwrap();
+        assert_eq!(failed(&table), [""; 0], "{:#?}", checked(&table));
+        let cells = table.meta().exit_axis.cells();
+        for passage in Passage::ALL {
+            let found = failed(&specimen::changed(&table, |t| {
+                let lobe = &mut t.passages.as_mut().unwrap()[passage as usize];
+                lobe[cells..2 * cells].iter_mut().for_each(|value| *value *= 1.01);
+            }));
+            assert_eq!(found, ["integral_of_passages"], "{passage:?}");
+        }
+        let below = |change: &dyn Fn(&mut FromBelow)| {
+            let change = |t: &mut Parts| change(&mut t.meta.both_sides.as_mut().unwrap().from_below[1]);
+            failed(&specimen::changed(&table, change))
+        };
+        assert_eq!(below(&|b| b.absorbed += 1e-6), ["energy_from_below"]);
+        assert_eq!(
+            below(&|b| (b.reflected, b.transmitted) = (b.transmitted, b.reflected)),
+            ["integral_of_passages"]
+        );
+    }
+}
+
+#[test]
+fn cells_as_few_as_a_low_accuracy_takes_pass_and_their_faults_do_not() {
+    for (change, percent) in [(decay(), 20.0), (space(), 20.0), (space(), 5.0), (visible(), 5.0)] {
+        let options = Options {
+            target: Target::AccuracyPercent(percent),
+            solver: Some(SolverChoice::Doubling),
+            ..Options::default()
+        };
+        let table = bake::bake(&Request::new(recipe(&change), options).unwrap(), &Observer::idle()).unwrap();
+        assert_eq!(failed(&table), [""; 0], "{percent} %: {:#?}", checked(&table));
+        let tampered = |change: &dyn Fn(&mut Parts)| failed(&specimen::changed(&table, change));
+        let found = tampered(&|t| t.meta.per_incidence[2].mean_theta_o_deg += 1.5);
+        assert!(found.contains(&"moments"), "{percent} %: {found:?}");
+        let cells = table.meta().exit_axis.cells();
+        let found = tampered(&|t| {
+            let row = &mut t.lobes[0].value[cells..2 * cells];
+            let peak = row.iter_mut().max_by(|a, b| a.total_cmp(b)).unwrap();
+            *peak *= 2.0;
+        });
+        assert!(found.contains(&"smoothness"), "{percent} %: {found:?}");
+    }
+}
+
+#[test]
 fn colours_are_held_against_the_recipe() {
     let table = doubled(&json!({"look": {"depth": 0.5, "coherence": 0.5}}));
     assert_eq!(failed(&table), [""; 0]);
@@ -207,13 +262,13 @@ fn what_the_recipe_says_of_both_sides_and_of_reciprocal_tables() {
     let options = Options {
         incident_deg: Some(vec![0.0, 40.0, 75.0]),
         solver: Some(SolverChoice::Doubling),
-        sides: bake_brdf::options::Sides::Both,
+        sides: Sides::Both,
         ..Options::default()
     };
     let both = bake::bake(&Request::new(recipe(&decay()), options).unwrap(), &Observer::idle()).unwrap();
     assert_eq!(failed(&both), [""; 0]);
     let other = specimen::changed(&both, |t| t.meta.both_sides.as_mut().unwrap().n_substrate = 1.6);
-    assert_eq!(failed(&other), ["recipe"]);
+    assert_eq!(failed(&other), ["integral_of_passages", "recipe"]);
     // One lobe of the other side alone is another.
     let moved = specimen::changed(&both, |t| {
         t.passages.as_mut().unwrap()[0].iter_mut().for_each(|v| *v *= 1.1);

@@ -243,7 +243,8 @@ fn a_difference_within_the_errors_is_not_significant_and_one_beyond_is() {
         at.albedo += 10.0 * 2f64.sqrt() * at.std_error.albedo;
     });
     let c = file(&albedo);
-    refused_with_output(&lut(&["diff", c.path.to_str().unwrap()], &a.path), &["differ significantly"]);
+    let words = ["differ significantly", "albedo at 30°, ", " apart, "];
+    refused_with_output(&lut(&["diff", c.path.to_str().unwrap()], &a.path), &words);
 }
 
 /// Exit 3 with results on stdout and one line on stderr.

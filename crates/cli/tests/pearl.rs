@@ -46,9 +46,12 @@ fn bad_input_is_refused_in_one_line_and_harms_nothing() {
         (&["furnace", table, "--body-rgb", "0.5,0.5"], "three finite numbers"),
         (
             &["furnace", table, "--components", "all,blur"],
-            "\"all,blur\" is neither all nor a list of diffuse",
+            "\"all,blur\" is neither all alone nor a list of diffuse",
         ),
-        (&["furnace", table, "--components", "shine"], "\"shine\" is neither all nor a list of diffuse"),
+        (
+            &["furnace", table, "--components", "shine"],
+            "\"shine\" is neither all alone nor a list of diffuse",
+        ),
         (&["sample", table, "--wi", "0,0,0"], "not all 0"),
         (&["eval", table, "--input", here], "directory"),
         (&["eval", table, "--input", "absent.jsonl"], "absent.jsonl"),

@@ -124,15 +124,13 @@ export function toHash(state, start) {
   return Object.keys(different).length ? `#s=${encodeURIComponent(JSON.stringify(different))}` : "#";
 }
 
-/** @param {string} hash */
+/**
+ * What an address holds; throws where that is no JSON.
+ * @param {string} hash
+ */
 export function fromHash(hash) {
   const text = /[#&]s=([^&]*)/.exec(hash)?.[1];
-  if (!text) return {};
-  try {
-    return /** @type {Object<string, unknown>} */ (JSON.parse(decodeURIComponent(text)));
-  } catch {
-    return {};
-  }
+  return /** @type {Object<string, unknown>} */ (text ? JSON.parse(decodeURIComponent(text)) : {});
 }
 
 /** States to go back to; changes that follow each other quickly are one step. */

@@ -5,7 +5,7 @@
 //! - [`main`] parses arguments, runs a tool and turns its [`Outcome`] into an exit code; [`Stop`] says why a tool ends without its result;
 //! - [`Manners`]: `--json`, `--quiet`, `--threads`, alike for all tools; [`completions`] and [`manual`] for shells and `man`;
 //! - [`print()`], [`print_json`] and [`stdout_error`] for results; [`one_line`] for what is said of them;
-//! - [`open_text`], [`read_text`] and [`angles_deg`] for input; [`interruption`] for Ctrl-C.
+//! - [`open_text`], [`read_text`] and [`angles_deg`] for input; [`make_folder`] for output; [`interruption`] for Ctrl-C.
 //!
 //! The crate has no features to choose.
 //!
@@ -25,6 +25,7 @@ mod text;
 
 use clap::Args;
 use std::io::Write as _;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Why a tool stops without its result; the variant decides the exit code.
@@ -109,6 +110,17 @@ impl Manners {
         let threads = self.threads.unwrap_or(0).into();
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(Stop::failure)
     }
+}
+
+/// Makes a folder for what a tool writes, unless it is there.
+///
+/// # Errors
+/// There is something else of that name, or the system makes none.
+pub fn make_folder(folder: &Path) -> Outcome {
+    std::fs::create_dir_all(folder).map_err(|error| {
+        let why = if folder.exists() { "is no folder; name one".to_owned() } else { error.to_string() };
+        Stop::failure(format!("{}: {why}", folder.display()))
+    })
 }
 
 /// Prints the completion script of a tool.

@@ -7,7 +7,7 @@
 use super::sampling::{Sampling, Shard, State};
 use super::{BakeError, Grid, NEVER, Observer, Request, assemble};
 use crate::effects::{EffectSet, Effects};
-use crate::options::{OptionError, Options, Target};
+use crate::options::{OptionError, Options, SolverChoice, Target};
 use crate::recipe::Recipe;
 use crate::tally::{CHUNK, MAX_PATHS, Tally};
 use lut_io::dispersion::MOST_BANDS;
@@ -284,6 +284,11 @@ pub fn walk_shard(request: &Request, shard: Shard, observer: &Observer<'_>) -> R
             "the path counts of an accuracy or a time follow from whole tallies; expected paths".to_owned(),
         );
     };
+    if request.options.solver == Some(SolverChoice::Doubling) {
+        return refuse(
+            "a share of the paths is walked; expected solver walk or auto, not doubling".to_owned(),
+        );
+    }
     let Shard { index, count } = shard;
     if !(1..=count).contains(&index) {
         return refuse(format!("{index}/{count} is out of range; expected 1/{count} to {count}/{count}"));

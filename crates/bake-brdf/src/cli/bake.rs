@@ -65,13 +65,13 @@ pub(crate) struct BakeArgs {
 /// Runs the command.
 pub(super) fn run(args: &BakeArgs, manners: &Manners) -> Outcome {
     let request = request(args)?;
+    let shard = args.shard.as_deref().map(parse_shard).transpose()?;
     let pool = manners.pool()?;
     let bands = || pool.install(|| bands(&request, args.reciprocal));
     if args.dry_run {
         let bands = bands()?;
         return pool.install(|| dry_run(&request, &bands, choose(&request, &bands, manners)?, manners));
     }
-    let shard = args.shard.as_deref().map(parse_shard).transpose()?;
     let output = args.output.clone().unwrap_or_else(|| match shard {
         None => "pearl.exr".into(),
         Some(Shard { index, count }) => format!("pearl-{index}-of-{count}.shard").into(),

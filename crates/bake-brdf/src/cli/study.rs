@@ -32,7 +32,7 @@ pub(crate) fn run(study: &StudyArgs, manners: &Manners) -> Outcome {
     let incident_deg = study.incident_deg.as_deref().map(args::incident_deg).transpose()?;
     let options = Options { incident_deg, ..Options::default() };
     let folder = &study.output;
-    std::fs::create_dir_all(folder).map_err(|why| Stop::failure(format!("{}: {why}", folder.display())))?;
+    terminal::make_folder(folder)?;
     let pool = manners.pool()?;
     let say = |line: &str| {
         if !manners.quiet {

@@ -47,8 +47,9 @@ pub(crate) fn run(args: &DiffArgs, json: bool) -> Outcome {
     }
     let worst = difference.worst_total_variation_percent;
     let at = difference.worst_theta_i_deg;
+    let beyond = difference.beyond.first().map_or_else(String::new, |line| format!("; {line}"));
     Err(Stop::check_failed(format!(
-        "{a} and {b} differ significantly (total variation {worst:.3} % at {at}°)"
+        "{a} and {b} differ significantly (total variation {worst:.3} % at {at}°{beyond})"
     )))
 }
 

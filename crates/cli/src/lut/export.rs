@@ -50,7 +50,7 @@ impl clap::ValueEnum for Named {
 pub(crate) fn run(args: &ExportArgs, json: bool) -> Outcome {
     let path = &args.file.file;
     let table = read(path)?;
-    crate::check_output(path, &args.output)?;
+    nacre_cli::check_output("table", path, &args.output)?;
     let name = table.meta().recipe_name().unwrap_or("pearl").to_owned();
     let bad = |error: BsdfError| Stop::bad_input(format!("{}: {error}", path.display()));
     let prepared = Arc::new(Prepared::new(table).map_err(bad)?);

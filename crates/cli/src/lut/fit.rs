@@ -57,7 +57,7 @@ pub(crate) fn run(args: &FitArgs, json: bool) -> Outcome {
     let path = &args.file.file;
     let permitted = permitted(args)?;
     let lobe = crate::read_lobe(path)?;
-    crate::check_output(path, &args.output)?;
+    nacre_cli::check_output("table", path, &args.output)?;
     let invalid = |error: FieldError| Stop::bad_input(format!("{}: {error}", path.display()));
     let source_bytes = std::fs::metadata(path)
         .map_err(|why| Stop::failure(format!("{}: cannot read the file: {why}", path.display())))?

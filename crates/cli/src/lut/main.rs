@@ -95,16 +95,6 @@ fn read_lobe(path: &Path) -> Result<Interpolant, Stop> {
     read(path).map(Interpolant::new)
 }
 
-/// Finds out before the work what would end it after, and keeps a table from being written over by what is made of it.
-fn check_output(input: &Path, output: &Path) -> Result<(), Stop> {
-    let same = input.canonicalize().is_ok_and(|from| output.canonicalize().is_ok_and(|to| from == to));
-    if same {
-        let problem = "is the table itself, which would be lost: name another file";
-        return Err(Stop::bad_input(format!("--output: {} {problem}", output.display())));
-    }
-    lut_io::atomic::check(output).map_err(|why| Stop::failure(format!("{}: {why}", output.display())))
-}
-
 /// The table argument that every command starts with.
 #[derive(Args, Debug)]
 struct FileArg {

@@ -41,8 +41,7 @@ pub(crate) struct PlotArgs {
 pub(crate) fn run(args: &PlotArgs, manners: &Manners) -> Outcome {
     let lobe = read_lobe(&args.file.file)?;
     let output = &args.output;
-    std::fs::create_dir_all(output)
-        .map_err(|error| Stop::failure(format!("{}: {error}", output.display())))?;
+    terminal::make_folder(output)?;
     let theta_i_deg = nearest_known(&lobe, 30.0);
     let map = reciprocity::map(&lobe);
     let figures = [

@@ -236,7 +236,7 @@ impl Pearl {
                 Components::from_names(names.iter().map(String::as_str)).ok_or_else(|| {
                     let known = Components::NAMES.join(", ");
                     Stop::bad_input(format!(
-                        "--components: {:?} is neither all nor a list of {known}",
+                        "--components: {:?} is neither all alone nor a list of {known}",
                         names.join(",")
                     ))
                 })?;

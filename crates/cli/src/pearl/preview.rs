@@ -12,8 +12,7 @@ use terminal::{Manners, Outcome, Stop};
 pub(crate) fn run(args: &PreviewArgs, manners: &Manners) -> Outcome {
     let bsdf = args.pearl.bsdf()?;
     let folder = &args.output;
-    std::fs::create_dir_all(folder)
-        .map_err(|error| Stop::failure(format!("{}: {error}", folder.display())))?;
+    terminal::make_folder(folder)?;
     let quality = Quality { size: args.size, samples: args.samples, seed: args.seed };
     let names: Vec<PictureName> = args.only.map_or_else(|| PictureName::all().collect(), |only| vec![only]);
     let mut files = Vec::new();

@@ -36,6 +36,7 @@ fn start(path: &Path) -> Result<Start, Stop> {
 
 /// Writes the page.
 pub(crate) fn write_page(args: &PageArgs, manners: &Manners) -> Outcome {
+    nacre_cli::check_output("table", &args.table, &args.output)?;
     let table = Arc::new(nacre_cli::read_table(&args.table)?);
     let bad = |why: &dyn std::fmt::Display| Stop::bad_input(format!("{}: {why}", args.table.display()));
     let prepared = Prepared::new(Arc::clone(&table)).map_err(|why| bad(&why))?;

@@ -46,6 +46,7 @@ pub(crate) fn swatch(args: &SwatchArgs, as_json: bool, quiet: bool) -> Outcome {
             angles_deg.len()
         )));
     }
+    nacre_cli::check_output("recipe", &args.recipe, &args.output)?;
     let stack = recipe.film_stack();
     let columns: Vec<Vec<StackColour>> = percents
         .iter()

@@ -150,7 +150,7 @@ def components(text):
         return (True,) * 4
     for name in names:
         if name not in COMPONENTS:
-            raise PearlError(f"pearl: components: {name!r} is none of them; expected all, or a list of "
+            raise PearlError(f"pearl: components: {name!r} is none of them; expected all alone, or a list of "
                              f"{', '.join(COMPONENTS)} separated by commas")  # fmt: skip
     return tuple(name in names for name in COMPONENTS)
 
