@@ -28,7 +28,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     let mut part = builder.tempfile_in(directory).map_err(without_part)?;
-    part.write_all(bytes)?;
+    part.write_all(bytes).map_err(without_part)?;
     part.as_file().sync_all()?;
     part.persist(&destination).map_err(|error| error.error)?;
     #[cfg(unix)]

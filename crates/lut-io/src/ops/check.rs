@@ -391,7 +391,7 @@ fn reciprocity(lobe: &Interpolant) -> Finding {
     if space && table.meta().surface_model.normals == Normals::Visible {
         // At both angles lobes are read between cells, in the plane of incidence, where those of tables in space change most.
         let between_cells = table.meta().accuracy.cells_percent.unwrap_or(0.0) / 100.0;
-        return worst.judged("reciprocity", what, RECIPROCITY_TOLERANCE + 5.0 * between_cells);
+        return worst.judged("reciprocity", what, RECIPROCITY_TOLERANCE + 10.0 * between_cells);
     }
     worst.told("reciprocity", what)
 }
