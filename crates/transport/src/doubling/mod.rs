@@ -643,6 +643,21 @@ mod tests {
         }
     }
 
+    /// What layers that hardly absorb leave to ring far from a narrow lobe does not widen it: the lobe is that of the clear stack.
+    #[test]
+    fn the_width_of_a_faint_narrow_lobe_does_not_ring() {
+        let mut clear = Transport::alternating(13, 1.3918, 1.3714, 2.0151, 0.633_f64.to_radians());
+        clear.indices[0] = 1.52;
+        let mut absorbing = clear.clone();
+        absorbing.optical_depths = (0..13).map(|layer| if layer % 2 == 0 { 2e-5 } else { 8e-7 }).collect();
+        let incidences: Vec<f64> = (0..6).map(|k| (8.3 + 0.07 * f64::from(k)).to_radians()).collect();
+        let solve = |transport| solve_to(transport, Geometry::Plane, &incidences, 1e-3, false).unwrap().lobes;
+        for (clear, absorbing) in solve(&clear).iter().zip(solve(&absorbing)) {
+            let apart = absorbing.sd / clear.sd - 1.0;
+            assert!(apart.abs() < 1e-3, "{apart:e} at {}°", clear.theta_i.to_degrees());
+        }
+    }
+
     /// Mode 0 of all interfaces, joined.
     fn whole_slab(transport: &Transport, geometry: Geometry, settings: &Settings) -> Slab {
         let plan = Plan::new(&NEVER, transport, geometry, settings).unwrap();

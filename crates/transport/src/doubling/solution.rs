@@ -48,10 +48,19 @@ pub fn component_scale(own: f64, all: f64) -> f64 {
     all * (own / all).max(FAINTEST).sqrt()
 }
 
+/// Total variation between two Gaussian lobes by the relative difference of their widths, √(2/πe). The azimuth postulate spreads lobes
+/// of the plane by their standard deviation, in which light far from the lobe counts by its distance squared.
+const BY_WIDTH: f64 = 0.484;
+
+/// Further than so many standard deviations from the mean, light counts in one only as far as two resolutions agree about it. What rings
+/// there (no polynomial follows a layer that hardly absorbs into the horizon) is nothing beside the lobe, but its distance squared is not.
+const FAR: f64 = 6.0;
+
 /// How far two resolutions are apart: the solver's own error estimate.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ErrorEstimate {
-    /// Estimated total variation of the reflected lobe, as a share of the reflected light, by incidence.
+    /// Estimated total variation of the reflected lobe, as a share of the reflected light, by incidence; in the plane with what the error
+    /// of its standard deviation makes of its azimuth.
     pub total_variation: Vec<f64>,
     /// The same of the interior and of what met interface 0 more than once, each as a share of its [`component_scale`].
     pub components: [Vec<f64>; 2],
@@ -107,6 +116,8 @@ pub struct Solution {
     rehit_lobes: Vec<OnceLock<Option<RehitLobe>>>,
     transport: Transport,
     transmitted: Vec<Matrix>,
+    /// Standard deviations as solved: [`Self::compare`] steadies those of the lobes.
+    solved_sds: Vec<f64>,
 }
 
 /// Basis functions on a product grid of directions: turns a lobe's coefficients into values by two small products.
@@ -156,6 +167,7 @@ impl Solution {
         };
         Self {
             rehit_lobes: lobes.iter().map(|_| OnceLock::new()).collect(),
+            solved_sds: lobes.iter().map(|lobe| lobe.sd).collect(),
             transport: transport.clone(),
             lobes,
             settings,
@@ -342,28 +354,48 @@ impl Solution {
                 .sum();
             0.5 * sum / count as f64 / light / 1.5
         };
-        let minus = |fine: Matrix, coarse: Matrix| fine.with(&coarse, |a, b| a - b);
+        let minus = |fine: &Matrix, coarse: &Matrix| fine.clone().with(coarse, |a, b| a - b);
         let reflected = |i: usize| {
-            let lobe = &self.lobes[i];
-            let all = lobe.albedo.max(1e-300);
-            let interior = minus(self.interior(i, &fine_basis), coarse.interior(i, &coarse_basis));
-            // In space re-hits are found incidence by incidence, at no resolution.
-            let rehit = match self.grid.geometry {
-                Geometry::Plane => minus(self.rehit(i, &fine_basis), coarse.rehit(i, &coarse_basis)),
-                Geometry::Space => Matrix::zeros(interior.rows(), interior.columns()),
+            let (lobe, all) = (&self.lobes[i], self.lobes[i].albedo.max(1e-300));
+            let interior = self.interior(i, &fine_basis);
+            let interior_apart = minus(&interior, &coarse.interior(i, &coarse_basis));
+            let solved = [self.solved_sds[i], coarse.solved_sds[i]];
+            let (rehit_apart, sds, spread) = match self.grid.geometry {
+                Geometry::Plane => {
+                    let rehit = self.rehit(i, &fine_basis);
+                    let rehit_apart = minus(&rehit, &coarse.rehit(i, &coarse_basis));
+                    let far = |parts: [&Matrix; 2]| {
+                        far_variance(lobe, &theta, &weights, parts).map(|far| far / all)
+                    };
+                    let sds =
+                        steadied(solved, far([&interior, &rehit]), far([&interior_apart, &rehit_apart]));
+                    (rehit_apart, sds, BY_WIDTH * (sds[0] - sds[1]).abs() / sds[0].max(1e-300))
+                }
+                // Re-hits are found incidence by incidence, at no resolution; and no azimuth waits for a standard deviation.
+                Geometry::Space => (Matrix::zeros(interior.rows(), interior.columns()), solved, 0.0),
             };
-            let part = |difference: &Matrix, own: f64| apart(difference, component_scale(own, all));
-            let components = [part(&interior, lobe.albedo - lobe.surface), part(&rehit, lobe.rehit)];
-            [apart(&interior.with(&rehit, |a, b| a + b), all), components[0], components[1]]
+            let part = |difference: &Matrix, own: f64| {
+                let scale = component_scale(own, all);
+                apart(difference, scale) + spread * own / scale
+            };
+            let components =
+                [part(&interior_apart, lobe.albedo - lobe.surface), part(&rehit_apart, lobe.rehit)];
+            let all = apart(&interior_apart.with(&rehit_apart, |a, b| a + b), all) + spread;
+            ([all, components[0], components[1]], sds)
         };
-        let reflected: Vec<[f64; 3]> = (0..self.lobes.len()).into_par_iter().map(reflected).collect();
+        let reflected: Vec<([f64; 3], [f64; 2])> =
+            (0..self.lobes.len()).into_par_iter().map(reflected).collect();
         let [total_variation, interior, rehit] =
-            [0, 1, 2].map(|k: usize| reflected.iter().map(|found| found[k]).collect());
+            [0, 1, 2].map(|k: usize| reflected.iter().map(|(found, _)| found[k]).collect());
+        let sd = reflected.iter().fold(0.0f64, |most, (_, [fine, coarse])| most.max((fine - coarse).abs()));
+        for (lobe, (_, [sd, _])) in self.lobes.iter_mut().zip(&reflected) {
+            lobe.sd = *sd;
+        }
         let through = if self.settings.both_sides { self.lobes.len() } else { 0 };
         let transmitted = (0..through)
             .map(|i| {
                 let difference =
-                    minus(self.transmitted(i, &fine_basis), coarse.transmitted(i, &coarse_basis));
+                    minus(&self.transmitted(i, &fine_basis), &coarse.transmitted(i, &coarse_basis));
                 apart(&difference, self.lobes[i].transmitted.max(FAINT))
             })
             .collect();
@@ -379,7 +411,7 @@ impl Solution {
             transmitted,
             albedo: largest(|lobe| lobe.albedo).max(largest(|lobe| lobe.transmitted)),
             mean: largest(|lobe| lobe.mean),
-            sd: largest(|lobe| lobe.sd),
+            sd,
             skew: largest(|lobe| lobe.skew),
         });
     }
@@ -446,6 +478,26 @@ fn evaluate(coefficients: &Matrix, product: &Product) -> Matrix {
     let mut sum = parity(0);
     sum += &parity(1);
     sum
+}
+
+/// What some parts of a lobe, densities at these angles, add to its variance from [`FAR`] away, times its light: as it is, and by its size.
+fn far_variance(lobe: &Lobe, theta: &[f64], weights: &[f64], parts: [&Matrix; 2]) -> [f64; 2] {
+    let mut sums = [0.0; 2];
+    for (k, (theta, weight)) in theta.iter().zip(weights).enumerate() {
+        let away = theta - lobe.mean;
+        if away.abs() > FAR * lobe.sd {
+            let moment = weight * away * away * (parts[0][(k, 0)] + parts[1][(k, 0)]);
+            sums = [sums[0] + moment, sums[1] + moment.abs()];
+        }
+    }
+    sums
+}
+
+/// Two standard deviations of a lobe, at a resolution and at a coarser one, less what is `far` in their variances as far as they are `apart`.
+fn steadied(sds: [f64; 2], [far, _]: [f64; 2], [apart, size]: [f64; 2]) -> [f64; 2] {
+    let doubt = if size < far.abs() { size / far.abs() } else { 1.0 };
+    let [fine, coarse] = [sds[0] * sds[0] - doubt * far, sds[1] * sds[1] - doubt * (far - apart)];
+    [fine, coarse].map(|variance| variance.max(0.0).sqrt())
 }
 
 /// Mean, standard deviation and skewness from Σ pθᵏ.
