@@ -74,7 +74,7 @@ pub fn modulation(
 ) -> Result<Vec<Banded>, StackError> {
     let wavelengths = sampling.wavelengths();
     let coherent = Means::new(stop, stack, sampling, angles.len(), |member| {
-        let spectra = dense::spectra_for_means(member, &wavelengths, angles, None)?;
+        let spectra = of_members(stack)(member, &wavelengths, angles, None)?;
         Ok((0..angles.len()).map(|at| spectra.unpolarised_reflectance(at)).collect())
     })?;
     let ends = sampling.ends();
@@ -98,7 +98,7 @@ pub fn emission(
 ) -> Result<Vec<Banded>, StackError> {
     let wavelengths = sampling.wavelengths();
     let radiance = Means::new(stop, stack, sampling, angles.len(), |member| {
-        emission::of_member(member, profile, &wavelengths, angles)
+        emission::of_member(member, profile, &wavelengths, angles, of_members(stack))
     })?;
     let ends = sampling.ends();
     let row = |at: usize| {
@@ -108,6 +108,11 @@ pub fn emission(
         sampling.banded(&radiance, &ends, at, unit, f64::INFINITY)
     };
     Ok((0..angles.len()).into_par_iter().map(row).collect())
+}
+
+/// Members of an irregular stack scatter by far more than a rounding in single precision.
+fn of_members(stack: &Stack) -> dense::Spectral {
+    if stack.is_irregular() { dense::spectra_for_colours } else { dense::spectra_for_means }
 }
 
 impl Scaled {

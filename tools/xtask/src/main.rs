@@ -56,8 +56,12 @@ fn test() -> Result<()> {
         checks()?;
         environment.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })?;
-    python::lints(&python)?;
-    step("release build", cargo(&EVERYTHING))?;
+    // A checker of Python takes one core, and so does the end of a build.
+    std::thread::scope(|scope| {
+        let lints = scope.spawn(|| python::lints(&python));
+        step("release build", cargo(&EVERYTHING))?;
+        lints.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    })?;
     // Neither keeps two cores busy by itself. What the one says comes after what the other says.
     let said = root().join("target/python-tests.txt");
     let mut pytest = pytest(&python, "tests/python");

@@ -8,7 +8,7 @@
 //! processor's instruction set, and then every `mul_add` is a call.
 
 use super::lanes::{
-    FEW_HALF_TURNS, LANES, LITTLE_DECAY, Lanes, cos_sin_quarter_turns, exp2_neg, exp2_neg_of_little,
+    FEW_HALF_TURNS, LANES, LITTLE_DECAY, Lanes, Real, cos_sin_quarter_turns, exp2_neg, exp2_neg_of_little,
     sin_cos_of_few_half_turns, sin_cos_of_half_turns,
 };
 use super::levels::at_each_level;
@@ -115,20 +115,14 @@ impl TileResult {
     };
 }
 
-/// A field is scaled down from here on: a layer cannot make it grow by more than the ratio of two indices
-/// squared, so that between two looks it stays far from the end of f64.
-const RESCALE_ABOVE: f64 = 1.267_650_600_228_229_4e30; // 2^100
-
-/// What a layer adds to the error that the robust form does not share, measured: a rotation keeps its norm, complex
-/// amplitudes drift.
-const ROTATION_ROUNDING: f64 = 1.387_778_780_781_445_7e-17; // 2^-56
+/// What a layer adds to the error that the robust form does not share, measured: complex amplitudes drift.
 const AMPLITUDE_ROUNDING: f64 = 5.551_115_123_125_783e-17; // 2^-54
 
 /// Most layers between two looks at the energy.
 const BLOCK: usize = 16;
 
 #[inline(always)]
-fn square<const W: usize>([re, im]: [Lanes<W>; 2]) -> Lanes<W> {
+fn square<const W: usize, T: Real>([re, im]: [Lanes<W, T>; 2]) -> Lanes<W, T> {
     re.fma(re, im * im)
 }
 
@@ -146,32 +140,34 @@ const fn look_every(layers: usize) -> usize {
 
 /// What is remembered of the faces passed.
 #[derive(Clone, Copy)]
-struct Memory<const W: usize> {
+struct Memory<const W: usize, T = f64> {
     /// Power of two taken out so far.
-    exponent: Lanes<W>,
+    exponent: Lanes<W, T>,
     /// Largest energy met, on the scale of the present one.
-    most: Lanes<W>,
+    most: Lanes<W, T>,
 }
 
-impl<const W: usize> Memory<W> {
+impl<const W: usize, T: Real> Memory<W, T> {
     #[inline(always)]
-    fn of(energy: Lanes<W>) -> Self {
-        Self { exponent: Lanes::splat(0.0), most: energy }
+    fn of(energy: Lanes<W, T>) -> Self {
+        Self { exponent: Lanes::splat(T::ZERO), most: energy }
     }
 
     /// Notes the energy at a face; where it has grown, returns the power of two by which the field is to be multiplied.
     #[inline(always)]
-    fn look(&mut self, energy: Lanes<W>) -> Option<Lanes<W>> {
+    fn look(&mut self, energy: Lanes<W, T>) -> Option<Lanes<W, T>> {
         self.most = self.most.max(energy);
-        if !energy.any_above(RESCALE_ABOVE) {
+        if !energy.any_above(T::RESCALE_ABOVE) {
             return None;
         }
-        let factor = energy.map(|x| f64::from_bits((2046 << 52) - (x.sqrt().to_bits() & (0x7ff << 52))));
+        let factor = energy.map(T::power_that_scales);
         self.most = self.most * factor * factor;
-        self.exponent = self.exponent - factor.map(f64::log2);
+        self.exponent = self.exponent - factor.map(|x| T::of(x.to_f64().log2()));
         Some(factor)
     }
+}
 
+impl<const W: usize> Memory<W> {
     /// r answers to a layer's phase as the power stored there to the power that comes in: a resonance magnifies the
     /// rounding made inside it.
     #[inline(always)]
@@ -187,39 +183,39 @@ impl<const W: usize> Memory<W> {
 /// A rotation is three shears, b += τc, c −= sb, b += τc with τ = tan δ/2 and s = sin δ, and the last of a layer and the first of the
 /// next are one. So a layer costs half the operations of its matrix, and its determinant is exactly 1.
 #[derive(Clone, Copy)]
-struct Rotor<const W: usize> {
-    b: [Lanes<W>; 2],
-    c: [Lanes<W>; 2],
-    emission: Lanes<W>,
+struct Rotor<const W: usize, T = f64> {
+    b: [Lanes<W, T>; 2],
+    c: [Lanes<W, T>; 2],
+    emission: Lanes<W, T>,
 }
 
 // By value throughout: the state must stay in registers.
-impl<const W: usize> Rotor<W> {
+impl<const W: usize, T: Real> Rotor<W, T> {
     #[inline(always)]
     fn on_substrate(tile: &LosslessTile, first: usize, pol: usize) -> Self {
         let [re, im] = &tile.q_substrate[pol];
-        let inverse = Lanes::splat(1.0) / tile.q_reference[pol].part(first);
+        let inverse = Lanes::splat(T::ONE) / tile.q_reference[pol].part(first);
         Self {
-            b: [Lanes::splat(1.0), Lanes::splat(0.0)],
+            b: [Lanes::splat(T::ONE), Lanes::splat(T::ZERO)],
             c: [im.part(first) * inverse, -(re.part(first) * inverse)],
-            emission: Lanes::splat(0.0),
+            emission: Lanes::splat(T::ZERO),
         }
     }
 
     #[inline(always)]
-    fn shear_b(self, by: Lanes<W>) -> Self {
+    fn shear_b(self, by: Lanes<W, T>) -> Self {
         let Self { b, c, .. } = self;
         Self { b: [by.fma(c[0], b[0]), by.fma(c[1], b[1])], ..self }
     }
 
     #[inline(always)]
-    fn shear_c(self, by: Lanes<W>) -> Self {
+    fn shear_c(self, by: Lanes<W, T>) -> Self {
         let Self { b, c, .. } = self;
         Self { c: [by.fma(b[0], c[0]), by.fma(b[1], c[1])], ..self }
     }
 
     #[inline(always)]
-    fn standing(&self) -> Lanes<W> {
+    fn standing(&self) -> Lanes<W, T> {
         self.b[0].fma(self.c[0], self.b[1] * self.c[1])
     }
 
@@ -231,33 +227,33 @@ impl<const W: usize> Rotor<W> {
         medium: &LosslessMedium,
         first: usize,
         pol: usize,
-        below: Lanes<W>,
+        below: Lanes<W, T>,
     ) -> Self {
-        let ratio: Lanes<W> = medium.up[pol].part(first);
+        let ratio: Lanes<W, T> = medium.up[pol].part(first);
         let b2 = self.b[0].fma(self.b[0], self.b[1] * self.b[1]);
         let c2 = self.c[0].fma(self.c[0], self.c[1] * self.c[1]);
-        let energy = (ratio * ratio).fma(c2, b2).scale(layer.thickness);
+        let energy = (ratio * ratio).fma(c2, b2).scale(T::of(layer.thickness));
         let face = medium.face[pol].part(first);
         let integral = medium.mean[pol].part(first).fma(energy, face * (self.standing() - below));
-        Self { emission: self.emission + integral.scale(layer.source), ..self }
+        Self { emission: self.emission + integral.scale(T::of(layer.source)), ..self }
     }
 
     /// The same of a layer of a kind, given what its standing wave gains.
     #[inline(always)]
-    fn give_off(self, source: f64, store: &Store, first: usize, pol: usize, gained: Lanes<W>) -> Self {
+    fn give_off(self, source: f64, store: &Store, first: usize, pol: usize, gained: Lanes<W, T>) -> Self {
         let (b2, c2) = (square(self.b), square(self.c));
-        let of_b = store.b[pol].part::<W>(first) * b2;
+        let of_b = store.b[pol].part::<W, T>(first) * b2;
         let stored = store.face[pol].part(first).fma(gained, store.c[pol].part(first).fma(c2, of_b));
-        Self { emission: stored.fma(Lanes::splat(source), self.emission), ..self }
+        Self { emission: stored.fma(Lanes::splat(T::of(source)), self.emission), ..self }
     }
 
     #[inline(always)]
-    fn energy(&self) -> Lanes<W> {
+    fn energy(&self) -> Lanes<W, T> {
         square(self.b) + square(self.c)
     }
 
     #[inline(always)]
-    fn scaled(self, factor: Lanes<W>) -> Self {
+    fn scaled(self, factor: Lanes<W, T>) -> Self {
         Self {
             b: [self.b[0] * factor, self.b[1] * factor],
             c: [self.c[0] * factor, self.c[1] * factor],
@@ -267,14 +263,18 @@ impl<const W: usize> Rotor<W> {
 }
 
 /// What goes up through a lossless stack; [s, p].
-struct LosslessWave<const W: usize> {
-    rotors: [Rotor<W>; 2],
-    memories: [Memory<W>; 2],
+struct LosslessWave<const W: usize, T = f64> {
+    rotors: [Rotor<W, T>; 2],
+    memories: [Memory<W, T>; 2],
 }
 
 at_each_level! {
     /// Through a lossless stack, layer by layer.
     pub(super) fn lossless(tile: &LosslessTile) -> TileResult = through_clear_stack[8, 4, 2]
+}
+at_each_level! {
+    /// The same in single precision.
+    pub(super) fn lossless_in_single(tile: &LosslessTile) -> TileResult = through_clear_stack_in_single[16, 8, 4]
 }
 at_each_level! {
     /// The same by kind. In AVX-512 one half of a tile does not keep the processor busy.
@@ -286,6 +286,10 @@ at_each_level! {
     pub(super) fn lossless_emitting(tile: &LosslessTile) -> TileResult = through_emitting_clear_stack[8, 4, 2]
 }
 at_each_level! {
+    /// The same in single precision.
+    pub(super) fn lossless_emitting_in_single(tile: &LosslessTile) -> TileResult = through_emitting_clear_stack_in_single[16, 8, 4]
+}
+at_each_level! {
     /// The same by kind.
     pub(super) fn lossless_emitting_by_kind(tile: &LosslessTile, kinds: &Kinds, turns: &mut Vec<Turn>, stores: &mut Vec<Store>) -> TileResult
         = through_emitting_clear_kinds[16, 4, 2]
@@ -293,21 +297,31 @@ at_each_level! {
 
 #[inline(always)]
 fn through_clear_stack<const W: usize>(tile: &LosslessTile) -> TileResult {
-    rotate::<W, false>(tile)
+    rotate::<W, f64, false>(tile)
+}
+
+#[inline(always)]
+fn through_clear_stack_in_single<const W: usize>(tile: &LosslessTile) -> TileResult {
+    rotate::<W, f32, false>(tile)
 }
 
 #[inline(always)]
 fn through_emitting_clear_stack<const W: usize>(tile: &LosslessTile) -> TileResult {
-    rotate::<W, true>(tile)
+    rotate::<W, f64, true>(tile)
 }
 
 #[inline(always)]
-fn rotate<const W: usize, const EMITS: bool>(tile: &LosslessTile) -> TileResult {
+fn through_emitting_clear_stack_in_single<const W: usize>(tile: &LosslessTile) -> TileResult {
+    rotate::<W, f32, true>(tile)
+}
+
+#[inline(always)]
+fn rotate<const W: usize, T: Real, const EMITS: bool>(tile: &LosslessTile) -> TileResult {
     let mut result = TileResult::UNKNOWN;
     for first in (0..LANES).step_by(W) {
-        let mut wave = LosslessWave::<W>::on_substrate(tile, first);
+        let mut wave = LosslessWave::<W, T>::on_substrate(tile, first);
         wave.turn::<EMITS>(tile, first);
-        finish_lossless(tile, first, &wave, &mut result);
+        finish_lossless(tile, first, &wave.in_full(), T::ROTATION_ROUNDING, &mut result);
     }
     result
 }
@@ -323,7 +337,7 @@ fn through_clear_kinds<const W: usize>(
         let mut wave = LosslessWave::<W>::on_substrate(tile, first);
         turns_of_kinds::<W>(tile, kinds, first, turns);
         wave.turn_by_kind(turns, kinds, first);
-        finish_lossless(tile, first, &wave, &mut result);
+        finish_lossless(tile, first, &wave, f64::ROTATION_ROUNDING, &mut result);
     }
     result
 }
@@ -342,7 +356,7 @@ fn through_emitting_clear_kinds<const W: usize>(
         let mut wave = LosslessWave::<W>::on_substrate(tile, first);
         turns_of_kinds::<W>(tile, kinds, first, turns);
         wave.turn_emitting_by_kind(tile, turns, stores, kinds, first);
-        finish_lossless(tile, first, &wave, &mut result);
+        finish_lossless(tile, first, &wave, f64::ROTATION_ROUNDING, &mut result);
     }
     result
 }
@@ -359,20 +373,20 @@ fn turns_of_kinds<const W: usize>(tile: &LosslessTile, kinds: &Kinds, first: usi
 
 /// The shears of layer after layer from the substrate up, computed two layers ahead of their use: what is needed now never waits for what
 /// is computed now.
-struct Turns<'a, const W: usize> {
+struct Turns<'a, const W: usize, T = f64> {
     tile: &'a LosslessTile<'a>,
     first: usize,
     /// Of the next layer.
-    turn: Turn<W>,
+    turn: Turn<W, T>,
     /// Of the one after it.
-    sines: Sines<W>,
+    sines: Sines<W, T>,
     /// That one.
     layer: &'a DenseLayer,
     /// The layers above it.
     above: std::slice::Iter<'a, DenseLayer>,
 }
 
-impl<'a, const W: usize> Turns<'a, W> {
+impl<'a, const W: usize, T: Real> Turns<'a, W, T> {
     #[inline(always)]
     fn new(
         tile: &'a LosslessTile,
@@ -387,7 +401,7 @@ impl<'a, const W: usize> Turns<'a, W> {
     }
 
     #[inline(always)]
-    fn next(&mut self) -> Turn<W> {
+    fn next(&mut self) -> Turn<W, T> {
         let turn = self.turn;
         self.turn = self.sines.turn(self.tile, self.layer.medium, self.first);
         // Beyond the last layer it is the last one's again, and not used.
@@ -397,14 +411,27 @@ impl<'a, const W: usize> Turns<'a, W> {
     }
 }
 
-impl<const W: usize> LosslessWave<W> {
+impl<const W: usize, T: Real> LosslessWave<W, T> {
     /// AVX2 has too few registers for what is computed ahead.
-    const LOOKS_AHEAD: bool = W >= 8;
+    const LOOKS_AHEAD: bool = W * size_of::<T>() >= 64;
 
     #[inline(always)]
     fn on_substrate(tile: &LosslessTile, first: usize) -> Self {
         let (s, p) = (Rotor::on_substrate(tile, first, 0), Rotor::on_substrate(tile, first, 1));
         Self { rotors: [s, p], memories: [Memory::of(s.energy()), Memory::of(p.energy())] }
+    }
+
+    #[inline(always)]
+    fn in_full(self) -> LosslessWave<W> {
+        let rotors = self.rotors.map(|Rotor { b, c, emission }| Rotor {
+            b: [b[0].cast(), b[1].cast()],
+            c: [c[0].cast(), c[1].cast()],
+            emission: emission.cast(),
+        });
+        let memories = self
+            .memories
+            .map(|Memory { exponent, most }| Memory { exponent: exponent.cast(), most: most.cast() });
+        LosslessWave { rotors, memories }
     }
 
     #[inline(always)]
@@ -453,7 +480,7 @@ impl<const W: usize> LosslessWave<W> {
             let mut below = [s.standing(), p.standing()];
             for (layer, &kind) in layers.iter().zip(block) {
                 let (turn, store) = (&turns[kind as usize], &stores[kind as usize]);
-                let [b, c]: [[Lanes<W>; 2]; 2] =
+                let [b, c]: [[Lanes<W, T>; 2]; 2] =
                     [turn.b, turn.c].map(|[s, p]| [s.part(first), p.part(first)]);
                 s = s.shear_b(b[0]).shear_c(c[0]).shear_b(b[0]);
                 p = p.shear_b(b[1]).shear_c(c[1]).shear_b(b[1]);
@@ -477,7 +504,7 @@ impl<const W: usize> LosslessWave<W> {
         let mut turns = Turns::new(tile, lowest, above, first);
         for block in tile.layers.chunks(look_every(tile.layers.len())) {
             let [mut s, mut p] = self.rotors;
-            let mut below = [Lanes::splat(0.0); 2];
+            let mut below = [Lanes::splat(T::ZERO); 2];
             for layer in block {
                 let turn = if Self::LOOKS_AHEAD {
                     turns.next()
@@ -523,15 +550,15 @@ impl Store {
 
 /// The shears of a layer; [s, p].
 #[derive(Clone, Copy)]
-pub(super) struct Turn<const W: usize = LANES> {
+pub(super) struct Turn<const W: usize = LANES, T = f64> {
     /// τ q_ref/q.
-    b: [Lanes<W>; 2],
+    b: [Lanes<W, T>; 2],
     /// −sin δ q/q_ref.
-    c: [Lanes<W>; 2],
+    c: [Lanes<W, T>; 2],
 }
 
-impl<const W: usize> Turn<W> {
-    const NONE: Self = Self { b: [Lanes::splat(0.0); 2], c: [Lanes::splat(0.0); 2] };
+impl<const W: usize, T: Real> Turn<W, T> {
+    const NONE: Self = Self { b: [Lanes::splat(T::ZERO); 2], c: [Lanes::splat(T::ZERO); 2] };
 }
 
 impl Turn {
@@ -546,16 +573,16 @@ impl Turn {
 
 /// Sine and cosine of half a layer's phase, less whole half turns of the phase.
 #[derive(Clone, Copy)]
-struct Sines<const W: usize> {
-    sin: Lanes<W>,
-    cos: Lanes<W>,
+struct Sines<const W: usize, T = f64> {
+    sin: Lanes<W, T>,
+    cos: Lanes<W, T>,
 }
 
-impl<const W: usize> Sines<W> {
+impl<const W: usize, T: Real> Sines<W, T> {
     #[inline(always)]
     fn new(tile: &LosslessTile, layer: &DenseLayer, first: usize) -> Self {
         let medium = &tile.media[layer.medium];
-        let half_turns = medium.half_turns.part::<W>(first).scale(layer.thickness);
+        let half_turns = medium.half_turns.part::<W, f64>(first).scale(layer.thickness);
         let (sin, cos) = if medium.most_half_turns * layer.thickness <= FEW_HALF_TURNS {
             sin_cos_of_few_half_turns(half_turns)
         } else {
@@ -565,7 +592,7 @@ impl<const W: usize> Sines<W> {
     }
 
     #[inline(always)]
-    fn turn(self, tile: &LosslessTile, medium: usize, first: usize) -> Turn<W> {
+    fn turn(self, tile: &LosslessTile, medium: usize, first: usize) -> Turn<W, T> {
         let Self { sin, cos } = self;
         let (tan, minus_sin) = (sin / cos, -((sin + sin) * cos));
         if medium == tile.reference {
@@ -584,6 +611,7 @@ fn finish_lossless<const W: usize>(
     tile: &LosslessTile,
     first: usize,
     wave: &LosslessWave<W>,
+    rounding_per_layer: f64,
     result: &mut TileResult,
 ) {
     let LosslessWave { rotors, memories } = wave;
@@ -604,7 +632,7 @@ fn finish_lossless<const W: usize>(
         let broken = whole.zip(incident, |a, b| (a / b - 1.0).abs());
         // q_ref(B² + C²/q_ref²) stored against |q₀B + C|²/2q₀ coming in.
         let incoming = incident / (q_0 * q_ref).scale(2.0);
-        let rounding = memories[pol].magnified_rounding(ROTATION_ROUNDING, tile.layers.len(), incoming);
+        let rounding = memories[pol].magnified_rounding(rounding_per_layer, tile.layers.len(), incoming);
         result.error[pol].set_part(first, broken + rounding);
         result.emission[pol].set_part(first, rotor.emission / incident * (q_0 * q_0).scale(4.0));
     }
@@ -681,7 +709,7 @@ impl<const W: usize> Amplitudes<W> {
     /// ∫|E|² over a layer from its lower face, where these amplitudes are, on the scale of its upper face.
     #[inline(always)]
     fn stored(&self, path: &Path<W>, medium: &ComplexMedium, first: usize, pol: usize) -> Lanes<W> {
-        let (alone, together) = (medium.alone[pol].part::<W>(first), medium.together[pol].part(first));
+        let (alone, together) = (medium.alone[pol].part::<W, f64>(first), medium.together[pol].part(first));
         let (f, g) = (self.down, self.up);
         let waves = path.shrink.fma(square(g), square(f)) * path.mean;
         let product = [f[0].fma(g[0], f[1] * g[1]), f[0].fnma(g[1], f[1] * g[0])];
@@ -773,8 +801,8 @@ fn passage<const W: usize>(
     layer: &DenseLayer,
     first: usize,
 ) -> (Passage<W>, Lanes<W>) {
-    let (cos, sin) = cos_sin_quarter_turns(medium.quarter_turns.part::<W>(first).scale(layer.thickness));
-    let decay = medium.decay.part::<W>(first).scale(layer.thickness);
+    let (cos, sin) = cos_sin_quarter_turns(medium.quarter_turns.part::<W, f64>(first).scale(layer.thickness));
+    let decay = medium.decay.part::<W, f64>(first).scale(layer.thickness);
     let shrink = if medium.most_decay * layer.thickness <= LITTLE_DECAY {
         exp2_neg_of_little(decay)
     } else {
@@ -839,7 +867,7 @@ impl<const W: usize> Path<W> {
         // (1 − e^−x)/x: a short series where 1 − e^−x has lost digits.
         const FEW: f64 = 1e-3;
         const SERIES: [f64; 5] = [1.0, -0.5, 1.0 / 6.0, -1.0 / 24.0, 1.0 / 120.0];
-        let decay = medium.decay.part::<W>(first).scale(layer.thickness);
+        let decay = medium.decay.part::<W, f64>(first).scale(layer.thickness);
         let x = decay.scale(std::f64::consts::LN_2);
         let series = x.polynomial(&SERIES);
         let whole = (Lanes::splat(1.0) - shrink) / x;
@@ -847,7 +875,7 @@ impl<const W: usize> Path<W> {
         for i in 0..W {
             mean.0[i] = if x.0[i] < FEW { series.0[i] } else { whole.0[i] };
         }
-        let phase_per_metre = medium.quarter_turns.part::<W>(first).scale(std::f64::consts::FRAC_PI_2);
+        let phase_per_metre = medium.quarter_turns.part::<W, f64>(first).scale(std::f64::consts::FRAC_PI_2);
         let per_phase = Lanes::splat(2.0) / phase_per_metre;
         Self {
             mean: mean.scale(layer.thickness),
@@ -927,7 +955,7 @@ fn finish_complex<const W: usize>(
     let top = &tile.interfaces[tile.interface_of[tile.layers.len()]];
     let mut total_decay = Lanes::<W>::splat(0.0);
     for medium in tile.media {
-        total_decay = medium.decay.part::<W>(first).fma(Lanes::splat(medium.thickness), total_decay);
+        total_decay = medium.decay.part::<W, f64>(first).fma(Lanes::splat(medium.thickness), total_decay);
     }
     for pol in 0..2 {
         let memory = &wave.memories[pol];

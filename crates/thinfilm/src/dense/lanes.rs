@@ -1,5 +1,7 @@
-//! A fixed number of f64 side by side. Every operation is one loop that the compiler turns into vector instructions;
+//! A fixed number of floats side by side. Every operation is one loop that the compiler turns into vector instructions;
 //! all of it inlines into functions compiled for one instruction set, so results are the same bits on all of them.
+
+use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// Wavelengths of a tile.
 pub(crate) const LANES: usize = 16;
@@ -7,32 +9,132 @@ pub(crate) const LANES: usize = 16;
 /// One number a lane: of a tile, or of the `W` lanes of it that go through the layers together.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(crate) struct Lanes<const W: usize = LANES>(pub(crate) [f64; W]);
+pub(crate) struct Lanes<const W: usize = LANES, T = f64>(pub(crate) [T; W]);
+
+/// What a lane holds: `f64`, or `f32` where noise hides its rounding.
+pub(crate) trait Real:
+    Copy
+    + PartialOrd
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+{
+    /// A field is scaled down from this energy on: a layer seldom makes it grow by more than the ratio of two indices squared, so
+    /// that between two looks it stays far from the end of the range.
+    const RESCALE_ABOVE: Self;
+    /// What a rotation adds to the error, measured: it keeps its norm.
+    const ROTATION_ROUNDING: f64;
+    const ZERO: Self;
+    const ONE: Self;
+
+    fn of(x: f64) -> Self;
+    fn to_f64(self) -> f64;
+    /// self · b + c with one rounding.
+    fn fma(self, b: Self, c: Self) -> Self;
+    /// The power of two that brings a field of this energy to about 1.
+    fn power_that_scales(self) -> Self;
+    /// (sin πr/2, cos πr/2) for |r| ≤ ½; `few`: ≤ [`FEW_HALF_TURNS`].
+    fn sin_cos<const W: usize>(r: Lanes<W, Self>, few: bool) -> (Lanes<W, Self>, Lanes<W, Self>);
+}
+
+impl Real for f64 {
+    const RESCALE_ABOVE: Self = 1.267_650_600_228_229_4e30; // 2^100
+    const ZERO: Self = 0.0;
+    const ONE: Self = 1.0;
+    const ROTATION_ROUNDING: f64 = 1.387_778_780_781_445_7e-17; // 2^-56
+
+    #[inline(always)]
+    fn of(x: f64) -> Self {
+        x
+    }
+
+    #[inline(always)]
+    fn to_f64(self) -> f64 {
+        self
+    }
+
+    #[inline(always)]
+    fn fma(self, b: Self, c: Self) -> Self {
+        self.mul_add(b, c)
+    }
+
+    #[inline(always)]
+    fn power_that_scales(self) -> Self {
+        Self::from_bits((2046 << 52) - (self.sqrt().to_bits() & (0x7ff << 52)))
+    }
+
+    #[inline(always)]
+    fn sin_cos<const W: usize>(r: Lanes<W>, few: bool) -> (Lanes<W>, Lanes<W>) {
+        let z = r * r;
+        let (sin, cos) =
+            if few { z.two_polynomials(&SIN_OF_FEW, &COS_OF_FEW) } else { z.two_polynomials(&SIN, &COS) };
+        (sin * r, cos)
+    }
+}
+
+impl Real for f32 {
+    const RESCALE_ABOVE: Self = 1.099_511_6e12; // 2^40
+    const ZERO: Self = 0.0;
+    const ONE: Self = 1.0;
+    const ROTATION_ROUNDING: f64 = 7.450_580_596_923_828e-9; // 2^-27
+
+    #[inline(always)]
+    fn of(x: f64) -> Self {
+        x as Self
+    }
+
+    #[inline(always)]
+    fn to_f64(self) -> f64 {
+        f64::from(self)
+    }
+
+    #[inline(always)]
+    fn fma(self, b: Self, c: Self) -> Self {
+        self.mul_add(b, c)
+    }
+
+    #[inline(always)]
+    fn power_that_scales(self) -> Self {
+        Self::from_bits((254 << 23) - (self.sqrt().to_bits() & (0xff << 23)))
+    }
+
+    #[inline(always)]
+    fn sin_cos<const W: usize>(r: Lanes<W, Self>, _few: bool) -> (Lanes<W, Self>, Lanes<W, Self>) {
+        let (sin, cos) = (r * r).two_polynomials(&SIN_SINGLE, &COS_SINGLE);
+        (sin * r, cos)
+    }
+}
 
 impl Lanes {
     /// The lanes from `first` on.
     #[inline(always)]
-    pub(crate) fn part<const W: usize>(&self, first: usize) -> Lanes<W> {
-        let mut out = [0.0; W];
-        out.copy_from_slice(&self.0[first..first + W]);
+    pub(crate) fn part<const W: usize, T: Real>(&self, first: usize) -> Lanes<W, T> {
+        let mut out = [T::ZERO; W];
+        for (out, x) in out.iter_mut().zip(&self.0[first..first + W]) {
+            *out = T::of(*x);
+        }
         Lanes(out)
     }
 
     /// Sets the lanes from `first` on.
     #[inline(always)]
-    pub(crate) fn set_part<const W: usize>(&mut self, first: usize, part: Lanes<W>) {
-        self.0[first..first + W].copy_from_slice(&part.0);
+    pub(crate) fn set_part<const W: usize, T: Real>(&mut self, first: usize, part: Lanes<W, T>) {
+        for (x, part) in self.0[first..first + W].iter_mut().zip(part.0) {
+            *x = part.to_f64();
+        }
     }
 }
 
-impl<const W: usize> Lanes<W> {
+impl<const W: usize, T: Real> Lanes<W, T> {
     #[inline(always)]
-    pub(crate) const fn splat(x: f64) -> Self {
+    pub(crate) const fn splat(x: T) -> Self {
         Self([x; W])
     }
 
     #[inline(always)]
-    pub(crate) fn map(self, f: impl Fn(f64) -> f64) -> Self {
+    pub(crate) fn map(self, f: impl Fn(T) -> T) -> Self {
         let mut out = self;
         for x in &mut out.0 {
             *x = f(*x);
@@ -41,7 +143,7 @@ impl<const W: usize> Lanes<W> {
     }
 
     #[inline(always)]
-    pub(crate) fn zip(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
+    pub(crate) fn zip(self, other: Self, f: impl Fn(T, T) -> T) -> Self {
         let mut out = self;
         for i in 0..W {
             out.0[i] = f(self.0[i], other.0[i]);
@@ -54,7 +156,7 @@ impl<const W: usize> Lanes<W> {
     pub(crate) fn fma(self, b: Self, c: Self) -> Self {
         let mut out = self;
         for i in 0..W {
-            out.0[i] = self.0[i].mul_add(b.0[i], c.0[i]);
+            out.0[i] = self.0[i].fma(b.0[i], c.0[i]);
         }
         out
     }
@@ -64,24 +166,29 @@ impl<const W: usize> Lanes<W> {
     pub(crate) fn fnma(self, b: Self, c: Self) -> Self {
         let mut out = self;
         for i in 0..W {
-            out.0[i] = (-self.0[i]).mul_add(b.0[i], c.0[i]);
+            out.0[i] = (-self.0[i]).fma(b.0[i], c.0[i]);
         }
         out
     }
 
     #[inline(always)]
-    pub(crate) fn scale(self, factor: f64) -> Self {
+    pub(crate) fn scale(self, factor: T) -> Self {
         self.map(|x| x * factor)
     }
 
+    /// The same numbers, rounded or in full.
     #[inline(always)]
-    pub(crate) fn round(self) -> Self {
-        self.map(f64::round_ties_even)
+    pub(crate) fn cast<U: Real>(self) -> Lanes<W, U> {
+        let mut out = [U::ZERO; W];
+        for (out, x) in out.iter_mut().zip(self.0) {
+            *out = U::of(x.to_f64());
+        }
+        Lanes(out)
     }
 
     /// Polynomial in `self`, coefficients from the constant up (Horner).
     #[inline(always)]
-    pub(crate) fn polynomial<const N: usize>(self, coefficients: &[f64; N]) -> Self {
+    pub(crate) fn polynomial<const N: usize>(self, coefficients: &[T; N]) -> Self {
         let mut sum = Self::splat(coefficients[N - 1]);
         let mut i = N - 1;
         while i > 0 {
@@ -93,7 +200,7 @@ impl<const W: usize> Lanes<W> {
 
     /// Two polynomials in `self` step by step: neither waits for the other.
     #[inline(always)]
-    fn two_polynomials<const N: usize>(self, a: &[f64; N], b: &[f64; N]) -> (Self, Self) {
+    fn two_polynomials<const N: usize>(self, a: &[T; N], b: &[T; N]) -> (Self, Self) {
         let (mut x, mut y) = (Self::splat(a[N - 1]), Self::splat(b[N - 1]));
         let mut i = N - 1;
         while i > 0 {
@@ -110,12 +217,19 @@ impl<const W: usize> Lanes<W> {
     }
 
     #[inline(always)]
-    pub(crate) fn any_above(self, bound: f64) -> bool {
+    pub(crate) fn any_above(self, bound: T) -> bool {
         self.0.iter().fold(false, |any, x| any | (*x > bound))
     }
 }
 
-impl<const W: usize> std::ops::Add for Lanes<W> {
+impl<const W: usize> Lanes<W> {
+    #[inline(always)]
+    pub(crate) fn round(self) -> Self {
+        self.map(f64::round_ties_even)
+    }
+}
+
+impl<const W: usize, T: Real> Add for Lanes<W, T> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
@@ -123,7 +237,7 @@ impl<const W: usize> std::ops::Add for Lanes<W> {
     }
 }
 
-impl<const W: usize> std::ops::Sub for Lanes<W> {
+impl<const W: usize, T: Real> Sub for Lanes<W, T> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
@@ -131,7 +245,7 @@ impl<const W: usize> std::ops::Sub for Lanes<W> {
     }
 }
 
-impl<const W: usize> std::ops::Mul for Lanes<W> {
+impl<const W: usize, T: Real> Mul for Lanes<W, T> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
@@ -139,7 +253,7 @@ impl<const W: usize> std::ops::Mul for Lanes<W> {
     }
 }
 
-impl<const W: usize> std::ops::Div for Lanes<W> {
+impl<const W: usize, T: Real> Div for Lanes<W, T> {
     type Output = Self;
     #[inline(always)]
     fn div(self, other: Self) -> Self {
@@ -147,7 +261,7 @@ impl<const W: usize> std::ops::Div for Lanes<W> {
     }
 }
 
-impl<const W: usize> std::ops::Neg for Lanes<W> {
+impl<const W: usize, T: Real> Neg for Lanes<W, T> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
@@ -176,6 +290,10 @@ const COS: [f64; 7] = [
     -2.520019241970396e-05,
     4.656003838635755e-07,
 ];
+
+/// As [`SIN`] and [`COS`] in single precision: errors 5e-9 and 2.8e-8.
+const SIN_SINGLE: [f32; 4] = [std::f32::consts::FRAC_PI_2, -0.645_963_5, 0.079_680_22, -0.004_602_149];
+const COS_SINGLE: [f32; 4] = [1.0, -1.233_697, 0.253_598_57, -0.020_408_158];
 
 /// Up to here a layer's phase needs no reduction, and shorter polynomials do.
 pub(crate) const FEW_HALF_TURNS: f64 = 0.22;
@@ -232,19 +350,14 @@ const EXP2_NEG_OF_LITTLE: [f64; 7] = [
 
 /// (sin πr/2, cos πr/2), r what u lacks of a whole number: |r| ≤ ½. Whole half turns change the sign of a matrix and no power.
 #[inline(always)]
-pub(crate) fn sin_cos_of_half_turns<const W: usize>(u: Lanes<W>) -> (Lanes<W>, Lanes<W>) {
-    let r = u - u.round();
-    let z = r * r;
-    let (sin, cos) = z.two_polynomials(&SIN, &COS);
-    (sin * r, cos)
+pub(crate) fn sin_cos_of_half_turns<const W: usize, T: Real>(u: Lanes<W>) -> (Lanes<W, T>, Lanes<W, T>) {
+    T::sin_cos((u - u.round()).cast(), false)
 }
 
 /// The same for 0 ≤ u ≤ [`FEW_HALF_TURNS`].
 #[inline(always)]
-pub(crate) fn sin_cos_of_few_half_turns<const W: usize>(u: Lanes<W>) -> (Lanes<W>, Lanes<W>) {
-    let z = u * u;
-    let (sin, cos) = z.two_polynomials(&SIN_OF_FEW, &COS_OF_FEW);
-    (sin * u, cos)
+pub(crate) fn sin_cos_of_few_half_turns<const W: usize, T: Real>(u: Lanes<W>) -> (Lanes<W, T>, Lanes<W, T>) {
+    T::sin_cos(u.cast(), true)
 }
 
 /// n + this holds n in its low bits.
@@ -253,7 +366,7 @@ const INTEGER: f64 = 6_755_399_441_055_744.0; // 1.5·2^52
 /// (cos πu/2, sin πu/2) for |u| < 2^51.
 #[inline(always)]
 pub(crate) fn cos_sin_quarter_turns<const W: usize>(u: Lanes<W>) -> (Lanes<W>, Lanes<W>) {
-    let (sin, cos) = sin_cos_of_half_turns(u);
+    let (sin, cos) = sin_cos_of_half_turns::<W, f64>(u);
     let quarters = u + Lanes::splat(INTEGER);
     let mut turned = (cos, sin);
     for i in 0..W {
@@ -296,10 +409,10 @@ mod tests {
             let u = f64::from(i) * 0.000_7;
             let half = std::f64::consts::FRAC_PI_2 * (u - u.round_ties_even());
             let near = |a: f64, b: f64| (a - b).abs() <= 2.0 * f64::EPSILON * b.abs();
-            let (sin, cos) = sin_cos_of_half_turns::<LANES>(Lanes::splat(u));
+            let (sin, cos) = sin_cos_of_half_turns::<LANES, f64>(Lanes::splat(u));
             assert!(near(sin.0[1], half.sin()) && near(cos.0[1], half.cos()), "{u}");
             if u <= FEW_HALF_TURNS {
-                let (sin, cos) = sin_cos_of_few_half_turns::<LANES>(Lanes::splat(u));
+                let (sin, cos) = sin_cos_of_few_half_turns::<LANES, f64>(Lanes::splat(u));
                 assert!(near(sin.0[1], half.sin()) && near(cos.0[1], half.cos()), "{u}");
             }
         }
