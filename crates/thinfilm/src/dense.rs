@@ -170,7 +170,7 @@ pub(crate) fn spectra_for_means(
     Solver::new(stack, wavelengths, sources, MEAN_TOLERANCE)?.spectra(angles)
 }
 
-/// As [`spectra_for_means`] within 1e-3 of the robust form, emission within 3e-2 of itself: what the colour of an irregular stack
+/// As [`spectra_for_means`] within 1e-3 of the robust form, emission within a tenth of itself: what the colour of an irregular stack
 /// is the mean of.
 pub(crate) fn spectra_for_colours(
     stack: &Stack,
@@ -481,6 +481,7 @@ impl<'a> Cut<'a> {
 #[derive(Default)]
 struct Scratch {
     lossless_media: Vec<LosslessMedium>,
+    single_media: Vec<LosslessMedium<f32>>,
     turns: Vec<Turn>,
     stores: Vec<Store>,
     complex_media: Vec<ComplexMedium>,
@@ -654,39 +655,51 @@ impl<'a> TileLanes<'a> {
 
     fn lossless(&self, scratch: &mut Scratch, in_single: bool) -> TileResult {
         let materials = self.solver.stack.materials.len();
-        let reference = self.solver.reference;
-        let q_reference = Polarisation::BOTH.map(|pol| self.real(reference, pol));
-        scratch.lossless_media.clear();
-        scratch.lossless_media.extend((0..materials).map(|m| self.lossless_medium(m)));
+        let ambient = ambient_number(materials);
+        let Scratch { lossless_media: media, single_media, turns, stores, .. } = scratch;
+        media.clear();
+        media.extend((0..materials).map(|m| self.lossless_medium(m)));
+        let level = self.solver.level;
+        let mut result = if in_single {
+            single_media.clear();
+            single_media.extend(media.iter().map(LosslessMedium::in_single));
+            let tile = self.lossless_tile(single_media);
+            match self.solver.sources {
+                None => kernel::lossless_in_single(level, &tile),
+                Some(_) => kernel::lossless_emitting_in_single(level, &tile),
+            }
+        } else {
+            let tile = self.lossless_tile(media);
+            match (self.solver.sources, &self.solver.kinds) {
+                (None, Some(kinds)) => kernel::lossless_by_kind(level, &tile, kinds, turns),
+                (None, None) => kernel::lossless(level, &tile),
+                (Some(_), Some(kinds)) => {
+                    kernel::lossless_emitting_by_kind(level, &tile, kinds, turns, stores)
+                }
+                (Some(_), None) => kernel::lossless_emitting(level, &tile),
+            }
+        };
+        if self.solver.sources.is_some() {
+            // |E| = 1 means |H| = |N₀| for p.
+            result.emission[1] = result.emission[1] * self.gather(|wave| wave.eps[ambient].norm());
+        }
+        result
+    }
+
+    fn lossless_tile<'t, T>(&'t self, media: &'t [LosslessMedium<T>]) -> LosslessTile<'t, T> {
+        let materials = self.solver.stack.materials.len();
         let (ambient, substrate) = (ambient_number(materials), substrate_number(materials));
+        let real = |medium: usize| Polarisation::BOTH.map(|pol| self.real(medium, pol));
         let q_substrate = Polarisation::BOTH
             .map(|pol| [self.real(substrate, pol), self.gather(|wave| wave.admittance(substrate, pol).im)]);
-        let tile = LosslessTile {
-            media: &scratch.lossless_media,
-            reference,
+        LosslessTile {
+            media,
+            reference: self.solver.reference,
             layers: &self.solver.layers,
-            q_reference,
-            q_ambient: Polarisation::BOTH.map(|pol| self.real(ambient, pol)),
+            q_reference: real(self.solver.reference),
+            q_ambient: real(ambient),
             q_substrate,
-        };
-        if self.solver.sources.is_none() {
-            return match &self.solver.kinds {
-                Some(kinds) => kernel::lossless_by_kind(self.solver.level, &tile, kinds, &mut scratch.turns),
-                None if in_single => kernel::lossless_in_single(self.solver.level, &tile),
-                None => kernel::lossless(self.solver.level, &tile),
-            };
         }
-        let mut result = match &self.solver.kinds {
-            Some(kinds) => {
-                let Scratch { turns, stores, .. } = scratch;
-                kernel::lossless_emitting_by_kind(self.solver.level, &tile, kinds, turns, stores)
-            }
-            None if in_single => kernel::lossless_emitting_in_single(self.solver.level, &tile),
-            None => kernel::lossless_emitting(self.solver.level, &tile),
-        };
-        // |E| = 1 means |H| = |N₀| for p.
-        result.emission[1] = result.emission[1] * self.gather(|wave| wave.eps[ambient].norm());
-        result
     }
 
     fn lossless_medium(&self, medium: usize) -> LosslessMedium {
@@ -945,7 +958,7 @@ mod tests {
 
     fn assert_errors_are_as_promised(seeds: impl IntoParallelIterator<Item = u64> + Clone) {
         for (tolerance, promises) in
-            [(TOLERANCE, [1e-12, 1e-10]), (MEAN_TOLERANCE, [1e-9; 2]), (COLOUR_TOLERANCE, [1e-3, 3e-2])]
+            [(TOLERANCE, [1e-12, 1e-10]), (MEAN_TOLERANCE, [1e-9; 2]), (COLOUR_TOLERANCE, [1e-3, 1e-1])]
         {
             let each = seeds.clone().into_par_iter().map(|seed| worst_fast(seed, tolerance));
             let worst = each.reduce(|| [0.0; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
@@ -954,7 +967,8 @@ mod tests {
         }
     }
 
-    /// 1e-12 for spectra and 1e-10 for their emission, 1e-9 for means; for colours 1e-3, and 3e-2 for their emission.
+    /// 1e-12 for spectra and 1e-10 for their emission, 1e-9 for means; for colours 1e-3, and a tenth for their emission (5.7e-4 and 4.5e-2
+    /// in 20,000 stacks).
     #[test]
     fn fast_lanes_are_right_in_stacks_of_any_length() {
         assert_errors_are_as_promised((0..250).chain(LONG_REGULAR).collect::<Vec<u64>>());

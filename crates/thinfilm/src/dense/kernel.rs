@@ -64,24 +64,38 @@ impl Kinds {
 
 /// What the lossless loop needs of a medium; ratios to a reference admittance, [s, p].
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LosslessMedium {
+pub(super) struct LosslessMedium<T = f64> {
     /// Half turns of phase per metre, k₀ kz/π.
     pub(super) half_turns: Lanes,
     /// The largest of them.
     pub(super) most_half_turns: f64,
     /// q_ref/q.
-    pub(super) up: [Lanes; 2],
+    pub(super) up: [Lanes<LANES, T>; 2],
     /// q/q_ref.
-    pub(super) down: [Lanes; 2],
+    pub(super) down: [Lanes<LANES, T>; 2],
     /// Weight of a layer's stored energy in ∫|E|² (emission only).
-    pub(super) mean: [Lanes; 2],
+    pub(super) mean: [Lanes<LANES, T>; 2],
     /// Weight of the standing wave's part at its faces (emission only).
-    pub(super) face: [Lanes; 2],
+    pub(super) face: [Lanes<LANES, T>; 2],
+}
+
+impl LosslessMedium {
+    pub(super) fn in_single(&self) -> LosslessMedium<f32> {
+        let cast = |[s, p]: &[Lanes; 2]| [s.cast(), p.cast()];
+        LosslessMedium {
+            half_turns: self.half_turns,
+            most_half_turns: self.most_half_turns,
+            up: cast(&self.up),
+            down: cast(&self.down),
+            mean: cast(&self.mean),
+            face: cast(&self.face),
+        }
+    }
 }
 
 /// One angle and `LANES` wavelengths through a lossless stack.
-pub(super) struct LosslessTile<'a> {
-    pub(super) media: &'a [LosslessMedium],
+pub(super) struct LosslessTile<'a, T = f64> {
+    pub(super) media: &'a [LosslessMedium<T>],
     /// The medium whose admittance is the reference: its layers need no ratios.
     pub(super) reference: usize,
     /// From the substrate up.
@@ -192,7 +206,7 @@ struct Rotor<const W: usize, T = f64> {
 // By value throughout: the state must stay in registers.
 impl<const W: usize, T: Real> Rotor<W, T> {
     #[inline(always)]
-    fn on_substrate(tile: &LosslessTile, first: usize, pol: usize) -> Self {
+    fn on_substrate(tile: &LosslessTile<T>, first: usize, pol: usize) -> Self {
         let [re, im] = &tile.q_substrate[pol];
         let inverse = Lanes::splat(T::ONE) / tile.q_reference[pol].part(first);
         Self {
@@ -224,7 +238,7 @@ impl<const W: usize, T: Real> Rotor<W, T> {
     fn emit(
         self,
         layer: &DenseLayer,
-        medium: &LosslessMedium,
+        medium: &LosslessMedium<T>,
         first: usize,
         pol: usize,
         below: Lanes<W, T>,
@@ -274,7 +288,7 @@ at_each_level! {
 }
 at_each_level! {
     /// The same in single precision.
-    pub(super) fn lossless_in_single(tile: &LosslessTile) -> TileResult = through_clear_stack_in_single[16, 8, 4]
+    pub(super) fn lossless_in_single(tile: &LosslessTile<f32>) -> TileResult = through_clear_stack_in_single[16, 8, 4]
 }
 at_each_level! {
     /// The same by kind. In AVX-512 one half of a tile does not keep the processor busy.
@@ -287,7 +301,7 @@ at_each_level! {
 }
 at_each_level! {
     /// The same in single precision.
-    pub(super) fn lossless_emitting_in_single(tile: &LosslessTile) -> TileResult = through_emitting_clear_stack_in_single[16, 8, 4]
+    pub(super) fn lossless_emitting_in_single(tile: &LosslessTile<f32>) -> TileResult = through_emitting_clear_stack_in_single[16, 8, 4]
 }
 at_each_level! {
     /// The same by kind.
@@ -301,7 +315,7 @@ fn through_clear_stack<const W: usize>(tile: &LosslessTile) -> TileResult {
 }
 
 #[inline(always)]
-fn through_clear_stack_in_single<const W: usize>(tile: &LosslessTile) -> TileResult {
+fn through_clear_stack_in_single<const W: usize>(tile: &LosslessTile<f32>) -> TileResult {
     rotate::<W, f32, false>(tile)
 }
 
@@ -311,12 +325,12 @@ fn through_emitting_clear_stack<const W: usize>(tile: &LosslessTile) -> TileResu
 }
 
 #[inline(always)]
-fn through_emitting_clear_stack_in_single<const W: usize>(tile: &LosslessTile) -> TileResult {
+fn through_emitting_clear_stack_in_single<const W: usize>(tile: &LosslessTile<f32>) -> TileResult {
     rotate::<W, f32, true>(tile)
 }
 
 #[inline(always)]
-fn rotate<const W: usize, T: Real, const EMITS: bool>(tile: &LosslessTile) -> TileResult {
+fn rotate<const W: usize, T: Real, const EMITS: bool>(tile: &LosslessTile<T>) -> TileResult {
     let mut result = TileResult::UNKNOWN;
     for first in (0..LANES).step_by(W) {
         let mut wave = LosslessWave::<W, T>::on_substrate(tile, first);
@@ -374,7 +388,7 @@ fn turns_of_kinds<const W: usize>(tile: &LosslessTile, kinds: &Kinds, first: usi
 /// The shears of layer after layer from the substrate up, computed two layers ahead of their use: what is needed now never waits for what
 /// is computed now.
 struct Turns<'a, const W: usize, T = f64> {
-    tile: &'a LosslessTile<'a>,
+    tile: &'a LosslessTile<'a, T>,
     first: usize,
     /// Of the next layer.
     turn: Turn<W, T>,
@@ -389,7 +403,7 @@ struct Turns<'a, const W: usize, T = f64> {
 impl<'a, const W: usize, T: Real> Turns<'a, W, T> {
     #[inline(always)]
     fn new(
-        tile: &'a LosslessTile,
+        tile: &'a LosslessTile<T>,
         lowest: &'a DenseLayer,
         above: std::slice::Iter<'a, DenseLayer>,
         first: usize,
@@ -416,7 +430,7 @@ impl<const W: usize, T: Real> LosslessWave<W, T> {
     const LOOKS_AHEAD: bool = W * size_of::<T>() >= 64;
 
     #[inline(always)]
-    fn on_substrate(tile: &LosslessTile, first: usize) -> Self {
+    fn on_substrate(tile: &LosslessTile<T>, first: usize) -> Self {
         let (s, p) = (Rotor::on_substrate(tile, first, 0), Rotor::on_substrate(tile, first, 1));
         Self { rotors: [s, p], memories: [Memory::of(s.energy()), Memory::of(p.energy())] }
     }
@@ -468,7 +482,7 @@ impl<const W: usize, T: Real> LosslessWave<W, T> {
     #[inline(always)]
     fn turn_emitting_by_kind(
         &mut self,
-        tile: &LosslessTile,
+        tile: &LosslessTile<T>,
         turns: &[Turn],
         stores: &[Store],
         kinds: &Kinds,
@@ -498,7 +512,7 @@ impl<const W: usize, T: Real> LosslessWave<W, T> {
 
     /// Through all layers, one by one. Where nothing is emitted, the shears between layers are joined.
     #[inline(always)]
-    fn turn<const EMITS: bool>(&mut self, tile: &LosslessTile, first: usize) {
+    fn turn<const EMITS: bool>(&mut self, tile: &LosslessTile<T>, first: usize) {
         let mut above = tile.layers.iter();
         let Some(lowest) = above.next() else { return };
         let mut turns = Turns::new(tile, lowest, above, first);
@@ -580,7 +594,7 @@ struct Sines<const W: usize, T = f64> {
 
 impl<const W: usize, T: Real> Sines<W, T> {
     #[inline(always)]
-    fn new(tile: &LosslessTile, layer: &DenseLayer, first: usize) -> Self {
+    fn new(tile: &LosslessTile<T>, layer: &DenseLayer, first: usize) -> Self {
         let medium = &tile.media[layer.medium];
         let half_turns = medium.half_turns.part::<W, f64>(first).scale(layer.thickness);
         let (sin, cos) = if medium.most_half_turns * layer.thickness <= FEW_HALF_TURNS {
@@ -592,7 +606,7 @@ impl<const W: usize, T: Real> Sines<W, T> {
     }
 
     #[inline(always)]
-    fn turn(self, tile: &LosslessTile, medium: usize, first: usize) -> Turn<W, T> {
+    fn turn(self, tile: &LosslessTile<T>, medium: usize, first: usize) -> Turn<W, T> {
         let Self { sin, cos } = self;
         let (tan, minus_sin) = (sin / cos, -((sin + sin) * cos));
         if medium == tile.reference {
@@ -607,8 +621,8 @@ impl<const W: usize, T: Real> Sines<W, T> {
 }
 
 #[inline(always)]
-fn finish_lossless<const W: usize>(
-    tile: &LosslessTile,
+fn finish_lossless<const W: usize, T>(
+    tile: &LosslessTile<T>,
     first: usize,
     wave: &LosslessWave<W>,
     rounding_per_layer: f64,

@@ -107,22 +107,22 @@ impl Real for f32 {
     }
 }
 
-impl Lanes {
+impl<T: Real> Lanes<LANES, T> {
     /// The lanes from `first` on.
     #[inline(always)]
-    pub(crate) fn part<const W: usize, T: Real>(&self, first: usize) -> Lanes<W, T> {
-        let mut out = [T::ZERO; W];
+    pub(crate) fn part<const W: usize, U: Real>(&self, first: usize) -> Lanes<W, U> {
+        let mut out = [U::ZERO; W];
         for (out, x) in out.iter_mut().zip(&self.0[first..first + W]) {
-            *out = T::of(*x);
+            *out = U::of(x.to_f64());
         }
         Lanes(out)
     }
 
     /// Sets the lanes from `first` on.
     #[inline(always)]
-    pub(crate) fn set_part<const W: usize, T: Real>(&mut self, first: usize, part: Lanes<W, T>) {
+    pub(crate) fn set_part<const W: usize, U: Real>(&mut self, first: usize, part: Lanes<W, U>) {
         for (x, part) in self.0[first..first + W].iter_mut().zip(part.0) {
-            *x = part.to_f64();
+            *x = T::of(part.to_f64());
         }
     }
 }

@@ -374,12 +374,14 @@ impl Solution {
                 // Re-hits are found incidence by incidence, at no resolution; and no azimuth waits for a standard deviation.
                 Geometry::Space => (Matrix::zeros(interior.rows(), interior.columns()), solved, 0.0),
             };
+            let [own_interior, own_rehit] = [lobe.albedo - lobe.surface, lobe.rehit];
             let part = |difference: &Matrix, own: f64| {
                 let scale = component_scale(own, all);
                 apart(difference, scale) + spread * own / scale
             };
-            let components =
-                [part(&interior_apart, lobe.albedo - lobe.surface), part(&rehit_apart, lobe.rehit)];
+            let components = [part(&interior_apart, own_interior), part(&rehit_apart, own_rehit)];
+            // The single reflection has a closed form.
+            let spread = spread * (own_interior + own_rehit) / all;
             let all = apart(&interior_apart.with(&rehit_apart, |a, b| a + b), all) + spread;
             ([all, components[0], components[1]], sds)
         };
