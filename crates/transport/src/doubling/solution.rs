@@ -56,6 +56,9 @@ const BY_WIDTH: f64 = 0.484;
 /// there (no polynomial follows a layer that hardly absorbs into the horizon) is nothing beside the lobe, but its distance squared is not.
 const FAR: f64 = 6.0;
 
+/// Where no standard deviation is further off, by the total variation that it makes, all of them are kept as they are.
+const STEADY: f64 = 1e-4;
+
 /// How far two resolutions are apart: the solver's own error estimate.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ErrorEstimate {
@@ -355,11 +358,13 @@ impl Solution {
             0.5 * sum / count as f64 / light / 1.5
         };
         let minus = |fine: &Matrix, coarse: &Matrix| fine.clone().with(coarse, |a, b| a - b);
+        let spread = |[fine, coarse]: [f64; 2]| BY_WIDTH * (fine - coarse).abs() / fine.max(1e-300);
+        let solved = |i: usize| [self.solved_sds[i], coarse.solved_sds[i]];
+        let is_steady = (0..self.lobes.len()).all(|i| spread(solved(i)) <= STEADY);
         let reflected = |i: usize| {
             let (lobe, all) = (&self.lobes[i], self.lobes[i].albedo.max(1e-300));
             let interior = self.interior(i, &fine_basis);
             let interior_apart = minus(&interior, &coarse.interior(i, &coarse_basis));
-            let solved = [self.solved_sds[i], coarse.solved_sds[i]];
             let (rehit_apart, sds, spread) = match self.grid.geometry {
                 Geometry::Plane => {
                     let rehit = self.rehit(i, &fine_basis);
@@ -367,12 +372,15 @@ impl Solution {
                     let far = |parts: [&Matrix; 2]| {
                         far_variance(lobe, &theta, &weights, parts).map(|far| far / all)
                     };
-                    let sds =
-                        steadied(solved, far([&interior, &rehit]), far([&interior_apart, &rehit_apart]));
-                    (rehit_apart, sds, BY_WIDTH * (sds[0] - sds[1]).abs() / sds[0].max(1e-300))
+                    let sds = if is_steady {
+                        solved(i)
+                    } else {
+                        steadied(solved(i), far([&interior, &rehit]), far([&interior_apart, &rehit_apart]))
+                    };
+                    (rehit_apart, sds, spread(sds))
                 }
                 // Re-hits are found incidence by incidence, at no resolution; and no azimuth waits for a standard deviation.
-                Geometry::Space => (Matrix::zeros(interior.rows(), interior.columns()), solved, 0.0),
+                Geometry::Space => (Matrix::zeros(interior.rows(), interior.columns()), solved(i), 0.0),
             };
             let [own_interior, own_rehit] = [lobe.albedo - lobe.surface, lobe.rehit];
             let part = |difference: &Matrix, own: f64| {
