@@ -275,7 +275,9 @@ impl EnsembleColour {
     fn new(stack: &Stack, seed: u64, members: u64, count: usize, theta: f64) -> Result<Self, StackError> {
         let wavelengths = wavelengths(count);
         let of = |member: u64| {
-            let spectra = dense::spectra_for_means(&stack.draw(seed, member)?, &wavelengths, &[theta], None)?;
+            let member = stack.draw(seed, member)?;
+            let spectra =
+                dense::spectra_for_means(dense::MEAN_TOLERANCE, &member, &wavelengths, &[theta], None)?;
             Ok::<_, StackError>(xyz(&spectra.unpolarised_reflectance(0)))
         };
         let members: Vec<Xyz> = (0..members).into_par_iter().map(of).collect::<Result<_, _>>()?;

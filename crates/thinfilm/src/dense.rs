@@ -17,10 +17,10 @@ use std::sync::OnceLock;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
-use crate::material::nanometres;
 use crate::stack::{Gain, Indices, Stack, StackError};
 use crate::wave::{
-    InPlaneWave, Incidence, Polarisation, PowerBalance, WaveError, half_turns_per_metre, sqrt_upper,
+    InPlaneWave, Incidence, Polarisation, PowerBalance, WaveError, check_wavelength, half_turns_per_metre,
+    sqrt_upper,
 };
 use kernel::{
     ComplexMedium, ComplexTile, DenseLayer, Interface, Kinds, LosslessMedium, LosslessTile, Passage, Store,
@@ -33,10 +33,11 @@ use levels::Level;
 /// stacks the largest deviation is 13 times its estimate.)
 const TOLERANCE: f64 = 7e-14;
 /// The same for means and colours, which need no more: promised to 1e-9. Deep stacks (thousands of layers) keep their speed.
-const MEAN_TOLERANCE: f64 = 1e-10;
+pub(crate) const MEAN_TOLERANCE: f64 = 1e-10;
 
 /// The same for colours of irregular stacks, whose members scatter by a thousand times as much: clear ones are rotated in single precision.
-const COLOUR_TOLERANCE: f64 = 2e-4;
+/// Promised to 1e-3, emission to a tenth of itself.
+pub(crate) const COLOUR_TOLERANCE: f64 = 2e-4;
 
 /// R and T of a stack on a grid of angles × wavelengths.
 #[derive(Clone, Debug, PartialEq)]
@@ -152,37 +153,22 @@ pub fn spectra_of(
         let why = format!("indices are given at {} wavelengths of {}", indices.len(), wavelengths.len());
         return Err(WaveError::Unsuitable(why).into());
     }
-    if let Some(bad) = wavelengths.iter().find(|wavelength| !(wavelength.is_finite() && **wavelength > 0.0)) {
-        return Err(WaveError::Wavelength { wavelength_nm: nanometres(*bad) }.into());
-    }
+    wavelengths.iter().try_for_each(|wavelength| check_wavelength(*wavelength))?;
     indices.iter().try_for_each(|indices| stack.check_indices(indices))?;
     Solver::with_indices(stack, wavelengths, indices, None, TOLERANCE)?.spectra(angles)
 }
 
-/// As [`spectra`] within 1e-9 of the robust form: what a mean over many stacks or wavelengths is made of. Given `sources`, the
+/// As [`spectra`], to no more than a tolerance: what a mean over many stacks or wavelengths is made of. Given `sources`, the
 /// strength in each layer from the ambient side down, with Σ source·∫|E|² dz in the same pass.
 pub(crate) fn spectra_for_means(
+    tolerance: f64,
     stack: &Stack,
     wavelengths: &[f64],
     angles: &[f64],
     sources: Option<&[f64]>,
 ) -> Result<Spectra, StackError> {
-    Solver::new(stack, wavelengths, sources, MEAN_TOLERANCE)?.spectra(angles)
+    Solver::new(stack, wavelengths, sources, tolerance)?.spectra(angles)
 }
-
-/// As [`spectra_for_means`] within 1e-3 of the robust form, emission within a tenth of itself: what the colour of an irregular stack
-/// is the mean of.
-pub(crate) fn spectra_for_colours(
-    stack: &Stack,
-    wavelengths: &[f64],
-    angles: &[f64],
-    sources: Option<&[f64]>,
-) -> Result<Spectra, StackError> {
-    Solver::new(stack, wavelengths, sources, COLOUR_TOLERANCE)?.spectra(angles)
-}
-
-/// [`spectra_for_means`] or [`spectra_for_colours`].
-pub(crate) type Spectral = fn(&Stack, &[f64], &[f64], Option<&[f64]>) -> Result<Spectra, StackError>;
 
 struct Solver<'a> {
     stack: &'a Stack,
@@ -983,7 +969,8 @@ mod tests {
         for (layers, sd) in [(2000, 0.0), (10_000, 0.0), (10_000, 0.03), (16_384, 0.0)] {
             let stack = pearl(0.0, sd, layers);
             let sources = vec![1.0; layers as usize];
-            let spectra = spectra_for_means(&stack, &wavelengths, &angles, Some(&sources)).unwrap();
+            let spectra =
+                spectra_for_means(MEAN_TOLERANCE, &stack, &wavelengths, &angles, Some(&sources)).unwrap();
             assert!(
                 spectra.robust_lanes() <= 1,
                 "{layers} layers, sd {sd}: {} robust lanes",
@@ -1013,7 +1000,8 @@ mod tests {
         for (k, sd, layers) in [(1e-4, 0.03, 2000), (5e-3, 0.03, 1000), (1e-3, 0.0, 500)] {
             let (stack, theta) = (pearl(k, sd, layers), 89.9_f64.to_radians());
             let sources = vec![1.0; layers as usize];
-            let spectra = spectra_for_means(&stack, &wavelengths, &[theta], Some(&sources)).unwrap();
+            let spectra =
+                spectra_for_means(MEAN_TOLERANCE, &stack, &wavelengths, &[theta], Some(&sources)).unwrap();
             assert_eq!(spectra.robust_lanes(), 0, "k {k}, sd {sd}");
             let emission = spectra.unpolarised_emission(0).unwrap();
             for (at, &wavelength) in wavelengths.iter().enumerate() {

@@ -36,7 +36,7 @@ pub fn radiance(
 ) -> Result<Vec<Vec<f64>>, StackError> {
     let members = ensemble::count(stack, members);
     let mut mean = vec![vec![0.0; wavelengths.len()]; angles.len()];
-    let of = |member: &Stack| of_member(member, profile, wavelengths, angles, dense::spectra_for_means);
+    let of = |member: &Stack| of_member(dense::MEAN_TOLERANCE, member, profile, wavelengths, angles);
     ensemble::each_member(stack, seed, 0..members, of, |one| {
         for (mean, value) in mean.iter_mut().flatten().zip(one.iter().flatten()) {
             *mean += value / members as f64;
@@ -46,18 +46,18 @@ pub fn radiance(
 }
 
 pub(crate) fn of_member(
+    tolerance: f64,
     stack: &Stack,
     profile: SourceProfile,
     wavelengths: &[f64],
     angles: &[f64],
-    spectra: dense::Spectral,
 ) -> Result<Vec<Vec<f64>>, StackError> {
     if profile == SourceProfile::Substrate {
-        let spectra = spectra(stack, wavelengths, angles, None)?;
+        let spectra = dense::spectra_for_means(tolerance, stack, wavelengths, angles, None)?;
         return Ok((0..angles.len()).map(|at| spectra.unpolarised_transmittance(at)).collect());
     }
     let sources = strengths(stack, profile)?;
-    let spectra = spectra(stack, wavelengths, angles, Some(&sources))?;
+    let spectra = dense::spectra_for_means(tolerance, stack, wavelengths, angles, Some(&sources))?;
     let row = |(at, theta): (usize, &f64)| {
         let cos = theta.cos();
         if cos < 1e-9 {

@@ -138,7 +138,9 @@ impl Sums {
         polarisation: Option<Polarisation>,
     ) -> Result<(), StackError> {
         self.members = members.end;
-        let of = |member: &Stack| dense::spectra_for_means(member, wavelengths, angles, None);
+        let of = |member: &Stack| {
+            dense::spectra_for_means(dense::MEAN_TOLERANCE, member, wavelengths, angles, None)
+        };
         each_member(stack, seed, members, of, |spectra| {
             for angle in 0..angles.len() {
                 let (r, t, a) = match polarisation {

@@ -16,7 +16,7 @@ use crate::dense;
 use crate::material::nanometres;
 use crate::quadrature::GAUSS_KRONROD_15;
 use crate::stack::{Gain, Stack, StackError};
-use crate::wave::WaveError;
+use crate::wave::{WaveError, check_wavelength};
 
 /// Profile of a spectral line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -171,9 +171,7 @@ struct Scan<'a> {
 impl<'a> Scan<'a> {
     fn new(stack: &'a Stack, line: Line, centre: f64, theta: f64) -> Result<Self, StackError> {
         stack.check()?;
-        if !(centre.is_finite() && centre > 0.0) {
-            return Err(WaveError::Wavelength { wavelength_nm: nanometres(centre) }.into());
-        }
+        check_wavelength(centre)?;
         let share = line.width / centre;
         if !(line.width > 0.0 && share * REACH <= WIDEST) {
             let why = format!(

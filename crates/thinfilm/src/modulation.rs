@@ -74,7 +74,7 @@ pub fn modulation(
 ) -> Result<Vec<Banded>, StackError> {
     let wavelengths = sampling.wavelengths();
     let coherent = Means::new(stop, stack, sampling, angles.len(), |member| {
-        let spectra = of_members(stack)(member, &wavelengths, angles, None)?;
+        let spectra = dense::spectra_for_means(tolerance(stack), member, &wavelengths, angles, None)?;
         Ok((0..angles.len()).map(|at| spectra.unpolarised_reflectance(at)).collect())
     })?;
     let ends = sampling.ends();
@@ -98,7 +98,7 @@ pub fn emission(
 ) -> Result<Vec<Banded>, StackError> {
     let wavelengths = sampling.wavelengths();
     let radiance = Means::new(stop, stack, sampling, angles.len(), |member| {
-        emission::of_member(member, profile, &wavelengths, angles, of_members(stack))
+        emission::of_member(tolerance(stack), member, profile, &wavelengths, angles)
     })?;
     let ends = sampling.ends();
     let row = |at: usize| {
@@ -111,8 +111,8 @@ pub fn emission(
 }
 
 /// Members of an irregular stack scatter by far more than a rounding in single precision.
-fn of_members(stack: &Stack) -> dense::Spectral {
-    if stack.is_irregular() { dense::spectra_for_colours } else { dense::spectra_for_means }
+fn tolerance(stack: &Stack) -> f64 {
+    if stack.is_irregular() { dense::COLOUR_TOLERANCE } else { dense::MEAN_TOLERANCE }
 }
 
 impl Scaled {

@@ -6,7 +6,7 @@ use rand::rngs::StdRng;
 use rand_distr::{Distribution as _, Normal};
 
 use crate::material::{Material, MaterialError, nanometres};
-use crate::wave::{Layer, Multilayer, Run, WaveError, check_half_spaces};
+use crate::wave::{Layer, Multilayer, Run, WaveError, check_half_spaces, check_wavelength};
 
 /// One layer of a stack: which material, how thick, how irregular.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -182,9 +182,7 @@ impl Stack {
     /// A table that does not cover the wavelength; negative k of a half-space, or of a layer without [`Gain::Allowed`]; a wavelength
     /// that is no length.
     pub fn indices(&self, wavelength: f64) -> Result<Indices, StackError> {
-        if !(wavelength.is_finite() && wavelength > 0.0) {
-            return Err(WaveError::Wavelength { wavelength_nm: nanometres(wavelength) }.into());
-        }
+        check_wavelength(wavelength)?;
         let index = |material: &Material, medium: &dyn Fn() -> String| {
             material.index(wavelength).map_err(|source| StackError::Material { medium: medium(), source })
         };

@@ -636,9 +636,7 @@ impl Multilayer {
     }
 
     pub(crate) fn check(&self, wavelength: f64) -> Result<(), WaveError> {
-        if !(wavelength.is_finite() && wavelength > 0.0 && (1.0 / wavelength).is_finite()) {
-            return Err(WaveError::Wavelength { wavelength_nm: nanometres(wavelength) });
-        }
+        check_wavelength(wavelength)?;
         for (name, index) in self.media() {
             // Squares must not leave f64: no material comes near these bounds.
             let size = modulus(index);
@@ -679,6 +677,14 @@ impl Multilayer {
             .into_iter()
             .chain(self.runs.iter().flat_map(move |run| run.unit.iter().enumerate().map(named)))
     }
+}
+
+/// Refuses what is no length.
+pub(crate) fn check_wavelength(wavelength: f64) -> Result<(), WaveError> {
+    if wavelength.is_finite() && wavelength > 0.0 && (1.0 / wavelength).is_finite() {
+        return Ok(());
+    }
+    Err(WaveError::Wavelength { wavelength_nm: nanometres(wavelength) })
 }
 
 /// # Errors

@@ -39,73 +39,66 @@ pub(crate) trait Real:
     fn sin_cos<const W: usize>(r: Lanes<W, Self>, few: bool) -> (Lanes<W, Self>, Lanes<W, Self>);
 }
 
-impl Real for f64 {
-    const RESCALE_ABOVE: Self = 1.267_650_600_228_229_4e30; // 2^100
-    const ZERO: Self = 0.0;
-    const ONE: Self = 1.0;
-    const ROTATION_ROUNDING: f64 = 1.387_778_780_781_445_7e-17; // 2^-56
+macro_rules! real {
+    ($float:ident, $rescale:expr, $rounding:expr, $exponents:expr, $of_half_turns:expr, $of_few:expr) => {
+        impl Real for $float {
+            const RESCALE_ABOVE: Self = $rescale;
+            const ROTATION_ROUNDING: f64 = $rounding;
+            const ZERO: Self = 0.0;
+            const ONE: Self = 1.0;
 
-    #[inline(always)]
-    fn of(x: f64) -> Self {
-        x
-    }
+            #[inline(always)]
+            fn of(x: f64) -> Self {
+                x as Self
+            }
 
-    #[inline(always)]
-    fn to_f64(self) -> f64 {
-        self
-    }
+            #[inline(always)]
+            fn to_f64(self) -> f64 {
+                f64::from(self)
+            }
 
-    #[inline(always)]
-    fn fma(self, b: Self, c: Self) -> Self {
-        self.mul_add(b, c)
-    }
+            #[inline(always)]
+            fn fma(self, b: Self, c: Self) -> Self {
+                self.mul_add(b, c)
+            }
 
-    #[inline(always)]
-    fn power_that_scales(self) -> Self {
-        Self::from_bits((2046 << 52) - (self.sqrt().to_bits() & (0x7ff << 52)))
-    }
+            #[inline(always)]
+            fn power_that_scales(self) -> Self {
+                let [one_twice, all] = $exponents;
+                Self::from_bits(one_twice - (self.sqrt().to_bits() & all))
+            }
 
-    #[inline(always)]
-    fn sin_cos<const W: usize>(r: Lanes<W>, few: bool) -> (Lanes<W>, Lanes<W>) {
-        let z = r * r;
-        let (sin, cos) =
-            if few { z.two_polynomials(&SIN_OF_FEW, &COS_OF_FEW) } else { z.two_polynomials(&SIN, &COS) };
-        (sin * r, cos)
-    }
+            #[inline(always)]
+            fn sin_cos<const W: usize>(r: Lanes<W, Self>, few: bool) -> (Lanes<W, Self>, Lanes<W, Self>) {
+                let z = r * r;
+                let (sin, cos) = if few {
+                    z.two_polynomials($of_few[0], $of_few[1])
+                } else {
+                    z.two_polynomials($of_half_turns[0], $of_half_turns[1])
+                };
+                (sin * r, cos)
+            }
+        }
+    };
 }
 
-impl Real for f32 {
-    const RESCALE_ABOVE: Self = 1.099_511_6e12; // 2^40
-    const ZERO: Self = 0.0;
-    const ONE: Self = 1.0;
-    const ROTATION_ROUNDING: f64 = 7.450_580_596_923_828e-9; // 2^-27
-
-    #[inline(always)]
-    fn of(x: f64) -> Self {
-        x as Self
-    }
-
-    #[inline(always)]
-    fn to_f64(self) -> f64 {
-        f64::from(self)
-    }
-
-    #[inline(always)]
-    fn fma(self, b: Self, c: Self) -> Self {
-        self.mul_add(b, c)
-    }
-
-    #[inline(always)]
-    fn power_that_scales(self) -> Self {
-        Self::from_bits((254 << 23) - (self.sqrt().to_bits() & (0xff << 23)))
-    }
-
-    #[inline(always)]
-    fn sin_cos<const W: usize>(r: Lanes<W, Self>, _few: bool) -> (Lanes<W, Self>, Lanes<W, Self>) {
-        let (sin, cos) = (r * r).two_polynomials(&SIN_SINGLE, &COS_SINGLE);
-        (sin * r, cos)
-    }
-}
+// 2^100 and 2^-56, 2^40 and 2^-27; twice the exponent of 1, and the bits of exponents.
+real!(
+    f64,
+    1.267_650_600_228_229_4e30,
+    1.387_778_780_781_445_7e-17,
+    [2046 << 52, 0x7ff << 52],
+    [&SIN, &COS],
+    [&SIN_OF_FEW, &COS_OF_FEW]
+);
+real!(
+    f32,
+    1.099_511_6e12,
+    7.450_580_596_923_828e-9,
+    [254 << 23, 0xff << 23],
+    [&SIN_SINGLE, &COS_SINGLE],
+    [&SIN_SINGLE, &COS_SINGLE]
+);
 
 impl<T: Real> Lanes<LANES, T> {
     /// The lanes from `first` on.
